@@ -1,0 +1,89 @@
+"""The command line: one parser for `python -m cbm_addon COMMAND`, `cbm COMMAND` and `blender -b --command cbm COMMAND`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import time
+import traceback
+from contextlib import nullcontext
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NoReturn
+
+from . import __version__
+from .console import Console
+from .errors import InputError
+from .outputs import replacing
+
+COMMANDS = ("info", "convert", "synthesize", "train", "solve", "models")
+
+DONE, OUR_FAULT, BAD_INPUT, CANCELLED = 0, 1, 2, 130
+
+
+class UsageError(Exception):
+    """The command line itself does not parse."""
+
+
+class Parser(argparse.ArgumentParser):
+    """Raises UsageError where argparse would print the usage and leave the process."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message} (see {self.prog} --help)")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Runs one command and returns the exit code: 0 done, 1 a fault of ours, 2 bad usage or input, 130 cancelled."""
+    try:
+        args = build_parser().parse_args(argv)
+        with replacing(args.json, overwrite=True) if args.json else nullcontext() as report_file:
+            started = time.perf_counter()
+            report = args.run(args, Console(args.quiet))
+            if report_file:
+                facts = {"command": args.command, "version": __version__, "seconds": time.perf_counter() - started}
+                report_file.write_text(json.dumps(_plain(facts | report), indent=2) + "\n", encoding="utf-8")
+    except (InputError, UsageError) as error:
+        print("error:", " ".join(str(error).split()), file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print("cancelled", file=sys.stderr)
+        return CANCELLED
+    except SystemExit as leave:  # --help and --version: inside Blender they must not end the process
+        return DONE if leave.code is None else int(leave.code)
+    except Exception:
+        traceback.print_exc()
+        return OUR_FAULT
+    return DONE
+
+
+def build_parser() -> Parser:
+    """The parser of every command in COMMANDS; parsed arguments carry the command's `run`."""
+    parser = Parser(prog="cbm", description="From a headset and two controllers to a full-body performance on any Blender armature.")
+    parser.add_argument("--version", action="version", version=__version__)
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name in COMMANDS:
+        command = import_module(f".commands.{name}", __package__)
+        options = commands.add_parser(name, help=command.HELP, description=command.HELP)
+        command.add_arguments(options)
+        options.add_argument("--json", type=Path, metavar="FILE", help="write a machine-readable report")
+        options.add_argument("--quiet", action="store_true", help="hide the progress bar")
+        options.add_argument("--overwrite", action="store_true", help="replace outputs that exist")
+        options.set_defaults(run=command.run)
+    return parser
+
+
+def _plain(value: Any) -> Any:
+    """The value in JSON's own types: arrays as lists, paths as text, numbers that are not finite as null."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

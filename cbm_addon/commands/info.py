@@ -1,0 +1,133 @@
+"""`info`: what a take or a mocap file is."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..console import Console
+from .calibration import add_calibration_arguments, calibration_options
+
+if TYPE_CHECKING:
+    from ..motion.bvh import BvhFile
+    from ..takes.calibrate import Calibration
+    from ..takes.take import Constant, Take, TakeReport
+
+HELP = "say what takes and mocap files are: format, rate, unit, axes, floor, stature, gaps, defects"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="a take (.bsor, CSV) or mocap (BVH)")
+    add_calibration_arguments(parser)
+
+
+def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
+    from ..motion.bvh import read_bvh_file
+    from ..takes.calibrate import calibrate
+    from ..takes.readers import is_bvh, read_take
+
+    overrides, options = calibration_options(args)
+    files = []
+    for path in args.files:
+        if is_bvh(path):
+            file = read_bvh_file(path)
+            facts, lines = _mocap_facts(file), _mocap_lines(file)
+        else:
+            take = read_take(path, overrides)
+            assert take.report is not None
+            calibration = calibrate(take, options).calibration
+            facts, lines = _take_facts(take, take.report, calibration), _take_lines(take, take.report, calibration)
+        console.say(f"{path}")
+        for line in lines:
+            console.say(f"  {line}")
+        files.append({"file": path, **facts})
+    return {"files": files}
+
+
+def _take_facts(take: Take, report: TakeReport, calibration: Calibration) -> dict[str, Any]:
+    return {
+        "kind": "take",
+        "poses": take.kind,
+        "samples": len(take),
+        "seconds": take.seconds,
+        "rate_hz": take.rate,
+        "tracked": dict(zip(("head", "left", "right"), take.tracked.mean(axis=0), strict=True)),
+        **asdict(report),
+        "calibration": calibration.as_dict(),
+    }
+
+
+def _take_lines(take: Take, report: TakeReport, calibration: Calibration) -> Iterator[str]:
+    yield f"{report.format}, {take.kind} poses: {len(take)} samples of {report.rows} rows, {take.seconds:.2f} s, {take.rate:.1f} a second"
+    if report.origin:
+        yield ", ".join(value for value in report.origin.values() if value)
+    for name, constant in (report.constants | calibration.constants).items():
+        yield f"{name.replace('_', ' ')}: {_constant_text(constant)}"
+    if calibration.reach == calibration.reach:
+        yield f"an arm reaches the wrists in {calibration.reach:.0%} of samples"
+    for defect in report.defects:
+        yield f"! {defect.message}"
+    for warning in calibration.warnings:
+        yield f"! {warning}"
+
+
+def _constant_text(constant: Constant) -> str:
+    value = constant.value
+    if isinstance(value, bool):
+        text = "yes" if value else "no"
+    elif isinstance(value, float):
+        text = f"{value:.3f} m"
+    elif isinstance(value, tuple):
+        text = ", ".join(f"{part:.3f}" for part in value) + " m"
+    else:
+        text = value
+    sure = "" if constant.confidence is None else f", confidence {constant.confidence:.2f}"
+    why = f": {constant.why}" if constant.why else ""
+    return f"{text} ({constant.source}{sure}{why})"
+
+
+def _mocap_facts(file: BvhFile) -> dict[str, Any]:
+    motion = file.motion
+    return {
+        "kind": "mocap",
+        "format": "BVH",
+        "frames": len(motion),
+        "frames_declared": file.frames_declared,
+        "seconds": motion.seconds,
+        "rate_hz": 1 / file.frame_time,
+        "joints": list(motion.skeleton.names),
+        "channels": file.channels,
+        "rotation_orders": file.rotation_orders,
+        "moving_joints": file.moving_joints,
+        "unit": file.unit,
+        "unit_to_metres": file.unit_to_metres,
+        "unit_reason": file.unit_reason,
+        "up_axis": file.up_axis,
+        "up_axis_reason": file.up_axis_reason,
+        **_body_facts(file),
+        "warnings": file.warnings,
+    }
+
+
+def _body_facts(file: BvhFile) -> dict[str, float]:
+    """Stature in metres and the height of the lowest toe, where the joints have the engine's names."""
+    skeleton = file.motion.skeleton
+    if any(name not in skeleton for name in ("Head", "LeftToe", "RightToe")):
+        return {}
+    from ..takes.devices import HEAD_JOINT_SHARE
+
+    toes = file.motion.positions()[:, skeleton.indices(["LeftToe", "RightToe"]), 2]
+    return {"stature": skeleton.height_above_toes() / HEAD_JOINT_SHARE, "lowest_toe": float(toes.min())}
+
+
+def _mocap_lines(file: BvhFile) -> Iterator[str]:
+    motion = file.motion
+    yield f"BVH: {len(motion)} frames, {motion.seconds:.2f} s, {1 / file.frame_time:.1f} a second, {len(motion.skeleton)} joints, {file.channels} channels"
+    yield f"unit: {file.unit} ({file.unit_reason}); up: {file.up_axis} ({file.up_axis_reason}); rotations {', '.join(file.rotation_orders)}"
+    if body := _body_facts(file):
+        yield f"stature: about {body['stature']:.2f} m; lowest toe at {body['lowest_toe']:.3f} m"
+    for warning in file.warnings:
+        yield f"! {warning}"

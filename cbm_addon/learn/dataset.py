@@ -1,0 +1,142 @@
+"""The data set: BVH clips become per-frame feature values; windows are cut from them when a batch is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..features import RATE, Frames, Mode, control_frames, lower_body_frames, tracker_frames
+from ..motion.bvh import read_bvh
+from ..motion.ground_frame import GroundFrame
+from ..motion.mirror import mirror
+from ..motion.motion import Motion
+from ..motion.resample import frame_times, resample
+from ..motion.rotations import Array
+from ..motion.skeleton import BODY_JOINTS
+from ..progress import Progress
+from ..takes.synthesize import synthesize
+from .split import split_of
+
+MINIMUM_SECONDS = 1.5
+
+
+@dataclass(frozen=True)
+class ClipFrames:
+    """One clip as the networks see it: trackers and anchors, control, lower body; T frames at RATE."""
+
+    stem: str
+    trackers: Frames
+    anchors: GroundFrame
+    control: Frames
+    lower_body: Frames
+
+
+def clip_frames(stem: str, motion: Motion) -> ClipFrames:
+    """Features of a body motion sampled at RATE, in units of the skeleton's own standing head height."""
+    head_height = motion.skeleton.height_above_toes("Head")
+    trackers, anchors = tracker_frames(synthesize(motion), head_height)
+    return ClipFrames(stem, trackers, anchors, control_frames(motion, head_height), lower_body_frames(motion, head_height))
+
+
+def find_clips(sources: list[Path]) -> list[Path]:
+    """All BVH files named or under the folders named, in order of name."""
+    found: list[Path] = []
+    for source in sources:
+        source = Path(source)
+        if source.is_dir():
+            found += sorted(source.rglob("*.bvh"))
+        elif source.is_file():
+            found.append(source)
+        else:
+            raise InputError(source, "does not exist; a BVH file or a folder of BVH files is expected")
+    if not found:
+        raise InputError(sources[0], "holds no BVH files; a folder of .bvh clips is expected")
+    return found
+
+
+def read_body_motion(path: Path) -> Motion:
+    """A clip on the engine's joints at RATE; InputError lists the joints that are missing."""
+    motion = read_bvh(path)
+    missing = [name for name in BODY_JOINTS if name not in motion.skeleton]
+    if missing:
+        raise InputError(path, f"lacks the joints {', '.join(missing)}; training needs clips with the joint names {', '.join(BODY_JOINTS)}")
+    return resample(motion, frame_times(motion.times[0], motion.times[-1], RATE))
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Clips of one split laid end to end. `first` and `last` int [F]: the clip borders of each frame, so that windows never mix clips."""
+
+    trackers: Frames
+    anchors: GroundFrame
+    control: Frames
+    lower_body: Frames
+    first: np.ndarray
+    last: np.ndarray
+    stems: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def batch(self, frames: np.ndarray, mode: Mode) -> tuple[Array, Array, Array]:
+        """Tracker windows [N, O, .], control [N, S, .] and lower body [N, S, .] of the frames int [N], seen from their anchors."""
+
+        def at(offsets: tuple[int, ...]) -> np.ndarray:
+            return np.clip(frames[:, None] + np.array(offsets), self.first[frames, None], self.last[frames, None])
+
+        anchors = self.anchors[frames]
+        return (
+            self.trackers.seen_from(anchors, at(mode.window)),
+            self.control.seen_from(anchors, at(mode.sequence)),
+            self.lower_body.seen_from(anchors, at(mode.sequence)),
+        )
+
+    def shuffled(self, size: int, seed: int) -> Iterator[np.ndarray]:
+        """Frame numbers of all batches of one epoch, each frame once; the remainder is dropped."""
+        order = np.random.default_rng(seed).permutation(len(self))
+        for start in range(0, len(order) - size + 1, size):
+            yield order[start : start + size]
+
+
+def join(clips: list[ClipFrames]) -> Dataset:
+    """Clips laid end to end."""
+
+    def lay(frames: list[Frames]) -> Frames:
+        return Frames(frames[0].layout, np.concatenate([f.vectors for f in frames]), np.concatenate([f.scalars for f in frames]))
+
+    lengths = np.array([len(clip.trackers) for clip in clips])
+    ends = np.cumsum(lengths)
+    return Dataset(
+        trackers=lay([clip.trackers for clip in clips]),
+        anchors=GroundFrame(np.concatenate([c.anchors.origin for c in clips]), np.concatenate([c.anchors.rotation for c in clips])),
+        control=lay([clip.control for clip in clips]),
+        lower_body=lay([clip.lower_body for clip in clips]),
+        first=np.repeat(ends - lengths, lengths),
+        last=np.repeat(ends - 1, lengths),
+        stems=tuple(clip.stem for clip in clips),
+    )
+
+
+def read_datasets(clips: list[Path], split: dict[str, str], mirrored: bool = True) -> Generator[Progress, None, dict[str, Dataset]]:
+    """Training and validation sets from BVH files (test clips are left alone); training clips also mirrored."""
+    chosen: dict[str, list[ClipFrames]] = {"train": [], "validation": []}
+    for i, path in enumerate(clips):
+        yield Progress(i / len(clips), f"reading {path.name}")
+        name = split_of(path.stem, split)
+        if name not in chosen:
+            continue
+        motion = read_body_motion(path)
+        if motion.seconds < MINIMUM_SECONDS:
+            continue
+        chosen[name].append(clip_frames(path.stem, motion))
+        if mirrored and name == "train":
+            chosen[name].append(clip_frames(path.stem, mirror(motion)))
+    if not chosen["train"]:
+        raise InputError(clips[0].parent, f"gives no clip to train on; at least one of {MINIMUM_SECONDS} s is needed")
+    if not chosen["validation"]:  # a handful of clips: choose on what there is, and say so in the card
+        chosen["validation"] = chosen["train"][-1:]
+    return {name: join(found) for name, found in chosen.items()}

@@ -1,0 +1,1 @@
+"""From a calibrated take to motion: control, candidates, choice, fusion with inverse kinematics and foot locks. No torch, no bpy."""

@@ -1,0 +1,215 @@
+"""Stage 3: a performance becomes the motion of one body. Head and wrists meet the trackers, planted feet stay planted.
+
+The body may be the engine's or a rig's: everything here uses the body's own bone lengths, so that nothing slides or misses after the fact.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..features import LOWER_JOINTS, UPPER_JOINTS
+from ..motion.contacts import CONTACT_JOINTS
+from ..motion.motion import Motion, local_rotations
+from ..motion.rotations import Array, continuous, multiply, normalize, quat_from_rotvec, rotate, slerp
+from ..motion.skeleton import Skeleton
+from ..takes.take import DEVICES, Take
+from .foot_lock import contact_states, lock_causally, solve_paths, without_blips
+from .ik import aim, bend_chain, clamp_reach, turned_toward, two_bone
+from .perform import sampled
+from .performance import Performance
+
+SHOULDER_LIMIT = np.radians(30)  # how far a shoulder may follow a hand that the arm does not reach
+CHEST_LIMIT = np.radians(60)  # and the chest, where the shoulder is not enough
+REACHING = 20  # steps in which the chest follows
+RELEASE = 0.1  # seconds in which a causal foot lock lets go by half
+FORWARD = np.array([0, -1, 0], np.float32)
+
+
+def fuse(performance: Performance, take: Take, times: np.ndarray, body: Skeleton, sole: float = 0.0) -> Motion:
+    """The motion [T] of `body` at `times`.
+
+    take  calibrated (joint poses, metres); its trackers are scaled uniformly about the world origin to the body's standing head height
+    sole  metres: height of the body's toe joints above the floor when it stands
+    """
+    scale = np.float32((body.height_above_toes("Head") + sole) / performance.head_height)
+    trackers = sampled(take, times)
+    targets = {name: (trackers.positions[:, i] * scale, trackers.rotations[:, i]) for i, name in enumerate(DEVICES)}
+    performance = performance.at(times)
+    unit = scale * np.float32(performance.head_height)
+    world = world_rotations(body, performance)
+    rate = 1 / float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+    ankles = _plant_feet(body, performance, world, unit, rate, sole)
+    hips = _reachable_hips(body, world, _hips_path(performance, rate) * unit, targets["head"][0], ankles)
+    hips = _meet_head(body, world, hips, *targets["head"])
+    hips = _follow_hands(body, world, hips, targets)
+    for side in ("Left", "Right"):
+        _meet_hand(body, world, hips, side, *targets[side.lower()])
+        _meet_ankle(body, world, hips, side, ankles[side])
+    local = continuous(local_rotations(body, world))
+    return Motion(body, np.asarray(times, np.float64), hips.astype(np.float32), local.astype(np.float32))
+
+
+def world_rotations(body: Skeleton, performance: Performance) -> Array:
+    """World rotations [T, J, 4] of the body's joints as predicted, the head and hands still to come.
+
+    The joint that carries the shoulders takes the rotation of the engine's upper chest ("Neck"), whatever it is called on this body; a
+    neck above it is half-way between chest and head.
+    """
+    source = {name: performance.lower_rotations[:, i] for i, name in enumerate(LOWER_JOINTS)}
+    source |= {name: performance.upper_rotations[:, i] for i, name in enumerate(UPPER_JOINTS)}
+    chest = body.names[_chest(body)]
+    world = np.zeros((len(performance.times), len(body), 4), np.float32)
+    for i, name in enumerate(body.names):
+        world[:, i] = source["Neck" if name == chest else name] if name in source else (1, 0, 0, 0)
+    return world
+
+
+def _chest(body: Skeleton) -> int:
+    """The joint that carries the shoulders."""
+    return int(body.parents[body.index("LeftShoulder" if "LeftShoulder" in body else "LeftArm")])
+
+
+def _positions(body: Skeleton, world: Array, hips: Array, chain: list[int]) -> Array:
+    """World position [T, 3] of the last joint of a chain of joint indices that begins at the hips."""
+    position = hips
+    for parent, joint in zip(chain[:-1], chain[1:], strict=True):
+        position = position + rotate(world[:, parent], body.offsets[joint])
+    return position
+
+
+def _hips_path(performance: Performance, rate: float) -> Array:
+    """The hips [T, 3] as predicted; looking ahead, the path whose velocities are those inside the sequences."""
+    hips = slice(LOWER_JOINTS.index("Hips"), LOWER_JOINTS.index("Hips") + 1)
+    positions = performance.lower_positions[:, hips]
+    if not performance.causal:
+        free = np.zeros(positions.shape[:2], dtype=bool)
+        positions = solve_paths(positions, performance.lower_velocities[:, hips], free, rate)
+    return positions[:, 0]
+
+
+def _plant_feet(body: Skeleton, performance: Performance, world: Array, unit: np.float32, rate: float, sole: float) -> dict[str, Array]:
+    """Turns the feet in `world` and returns where the ankles go, [T, 3] by side, so that ankle and toe stand still in contact."""
+    joints = [LOWER_JOINTS.index(name) for name in CONTACT_JOINTS]
+    predicted = performance.lower_positions[:, joints] * unit
+    predicted[..., 2] += np.float32(sole)
+    locked = contact_states(performance.contacts)
+    if performance.causal:
+        paths = lock_causally(predicted, locked, RELEASE * rate)
+    else:
+        locked = without_blips(locked)
+        paths = solve_paths(predicted, performance.lower_velocities[:, joints] * unit, locked, rate)
+    ankles = {}
+    for i, side in enumerate(("Left", "Right")):
+        ankle, toe = paths[:, 2 * i], paths[:, 2 * i + 1]
+        foot = body.index(f"{side}Foot")
+        if f"{side}Toe" in body:
+            offset = body.offsets[body.index(f"{side}Toe")]
+            # The directions come from a body of average feet: take what turns its resting foot into the planted one.
+            world[:, foot] = aim(world[:, foot], offset, toe - ankle)
+            toe = toe.copy()
+            toe[:, 2] = np.maximum(toe[:, 2], sole)
+            ankles[side] = toe - rotate(world[:, foot], offset)
+        else:
+            ankles[side] = ankle
+    return ankles
+
+
+def _reachable_hips(body: Skeleton, world: Array, hips: Array, head: Array, ankles: dict[str, Array]) -> Array:
+    """Hips [T, 3] moved as little as needed for the spine to reach the head and the legs to reach the ankles; the head comes first."""
+    chain = body.chain("Hips", "Head")
+    spine = float(np.linalg.norm(body.offsets[chain[1:]], axis=-1).sum())
+    for _ in range(8):
+        for side, ankle in ankles.items():
+            leg = body.chain("Hips", f"{side}Foot")
+            socket = rotate(world[:, leg[0]], body.offsets[leg[1]])
+            length = float(np.linalg.norm(body.offsets[leg[2:]], axis=-1).sum())
+            hips = clamp_reach(ankle - socket, hips, length)
+        hips = clamp_reach(head, hips, spine)
+    return hips
+
+
+def _meet_head(body: Skeleton, world: Array, hips: Array, head: Array, rotation: Array) -> Array:
+    """Bends the spine in `world` until the head joint is at `head`; what the spine cannot do the hips do. Returns the hips [T, 3]."""
+    chain = body.chain("Hips", "Head")
+    bending = chain[1:-1]
+    for joint in bending[bending.index(_chest(body)) + 1 :]:
+        world[:, joint] = slerp(world[:, chest], rotation, 0.5)
+    base = hips + rotate(world[:, chain[0]], body.offsets[bending[0]])
+    world[:, bending], end = bend_chain(world[:, bending], body.offsets[[*bending[1:], chain[-1]]], base, head)
+    world[:, chain[-1]] = rotation
+    return hips + (head - end)
+
+
+def _follow_hands(body: Skeleton, world: Array, hips: Array, targets: dict[str, tuple[Array, Array]]) -> Array:
+    """Turns and leans the torso in `world` toward wrists that the arms do not reach, the head staying. Returns the hips [T, 3]."""
+    chain = body.chain("Hips", "Head")
+    bending = chain[1 : chain.index(_chest(body)) + 1]
+    for _ in range(REACHING):
+        turn = np.zeros_like(hips)
+        center = _positions(body, world, hips, chain[: chain.index(bending[-1]) + 1])
+        for side in ("Left", "Right"):
+            socket, reach = _arm(body, world, hips, side)
+            wrist = targets[side.lower()][0]
+            missing = wrist - clamp_reach(socket, wrist, reach)
+            arm = socket - center
+            turn += np.cross(arm, missing) / np.maximum(np.sum(arm * arm, axis=-1, keepdims=True), 1e-6)
+        if np.abs(turn).max(initial=0) < 1e-3:
+            break
+        size = np.linalg.norm(turn, axis=-1, keepdims=True)
+        turn = turn * np.minimum(1, CHEST_LIMIT / REACHING / np.maximum(size, 1e-9))
+        for i, joint in enumerate(bending):
+            world[:, joint] = multiply(quat_from_rotvec(turn * ((i + 1) / len(bending))), world[:, joint])
+        for side in ("Left", "Right"):
+            for name in ("Shoulder", "Arm", "ForeArm"):
+                if f"{side}{name}" in body:
+                    joint = body.index(f"{side}{name}")
+                    world[:, joint] = multiply(quat_from_rotvec(turn), world[:, joint])
+        hips = _meet_head(body, world, hips, *targets["head"])
+    return hips
+
+
+def _arm(body: Skeleton, world: Array, hips: Array, side: str) -> tuple[Array, float]:
+    """Where the arm begins, [T, 3], and how far it reaches with the help of the shoulder's turn."""
+    arm, forearm, hand = (body.index(f"{side}{name}") for name in ("Arm", "ForeArm", "Hand"))
+    reach = float(np.linalg.norm(body.offsets[forearm]) + np.linalg.norm(body.offsets[hand]))
+    if f"{side}Shoulder" in body:
+        reach += float(np.linalg.norm(body.offsets[arm]) * np.sin(SHOULDER_LIMIT) / 2)
+    return _positions(body, world, hips, body.chain("Hips", f"{side}Arm")), reach
+
+
+def _meet_hand(body: Skeleton, world: Array, hips: Array, side: str, wrist: Array, rotation: Array) -> None:
+    """Bends an arm in `world` so that the wrist is at `wrist`, the shoulder following where the arm is too short."""
+    chain = body.chain("Hips", f"{side}Hand")
+    arm, forearm, hand = (body.index(f"{side}{name}") for name in ("Arm", "ForeArm", "Hand"))
+    upper, lower = (float(np.linalg.norm(body.offsets[joint])) for joint in (forearm, hand))
+    if f"{side}Shoulder" in body:
+        shoulder = body.index(f"{side}Shoulder")
+        root = _positions(body, world, hips, chain[: chain.index(shoulder) + 1])
+        socket = root + rotate(world[:, shoulder], body.offsets[arm])
+        nearest = clamp_reach(wrist, socket, upper + lower)
+        world[:, shoulder] = turned_toward(world[:, shoulder], body.offsets[arm], nearest - root, SHOULDER_LIMIT)
+    socket = _positions(body, world, hips, chain[: chain.index(arm) + 1])
+    _bend_limb(body, world, (arm, forearm, hand), socket, wrist, -FORWARD)
+    world[:, hand] = rotation
+
+
+def _meet_ankle(body: Skeleton, world: Array, hips: Array, side: str, ankle: Array) -> None:
+    """Bends a leg in `world` so that the ankle is at `ankle`; the foot keeps its rotation."""
+    joints = tuple(body.index(f"{side}{name}") for name in ("UpLeg", "Leg", "Foot"))
+    socket = _positions(body, world, hips, body.chain("Hips", f"{side}UpLeg"))
+    _bend_limb(body, world, joints, socket, ankle, FORWARD)
+
+
+def _bend_limb(body: Skeleton, world: Array, joints: tuple[int, int, int], socket: Array, target: Array, bend: Array) -> None:
+    """Two-bone IK on the joints (upper, lower, end), bent as predicted in `world` and, where that is straight, toward `bend` (upper's frame)."""
+    upper_joint, lower_joint, end_joint = joints
+    upper, lower = (float(np.linalg.norm(body.offsets[joint])) for joint in (lower_joint, end_joint))
+    target = clamp_reach(socket, target, upper + lower)
+    middle = rotate(world[:, upper_joint], body.offsets[lower_joint])
+    end = middle + rotate(world[:, lower_joint], body.offsets[end_joint])
+    line = normalize(end)
+    predicted = middle - np.sum(middle * line, axis=-1, keepdims=True) * line
+    pole = predicted + np.float32(0.03 * upper) * rotate(world[:, upper_joint], bend)
+    joint = two_bone(socket, target, upper, lower, pole)
+    world[:, upper_joint] = aim(world[:, upper_joint], body.offsets[lower_joint], joint - socket)
+    world[:, lower_joint] = aim(world[:, lower_joint], body.offsets[end_joint], target - joint)

@@ -1,0 +1,140 @@
+"""Trained models: a folder of ONNX files with a JSON card, loaded with onnxruntime. What does not fit is refused."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..features import CONTROL, LOWER_BODY, MODES, RATE, TRACKERS, Mode
+from ..motion.rotations import Array
+
+CARD_FORMAT = "cbm-model 1"
+MODELS_FOLDER = Path(__file__).parent.parent / "models"
+DEFAULT_MODEL = MODELS_FOLDER / "base"
+PARTS = ("control", "estimator", "decoder")
+
+
+def signature(mode: Mode) -> dict[str, Any]:
+    """What a network of this mode expects and gives, as a card says it: names in order, offsets, rate."""
+    layouts = {"window": TRACKERS, "control": CONTROL, "lower_body": LOWER_BODY}
+    return {
+        "rate": RATE,
+        "window_offsets": list(mode.window),
+        "sequence_offsets": list(mode.sequence),
+        **{name: [*layout.points, *layout.directions, *layout.scalars] for name, layout in layouts.items()},
+    }
+
+
+@dataclass(frozen=True)
+class ModeNetworks:
+    """The three sessions of one mode; every call takes and gives float32 batches."""
+
+    mode: Mode
+    channels: int
+    classes: int
+    sessions: dict[str, Any]
+
+    def control(self, windows: Array) -> Array:
+        """Stage 1: control features [N, S, .] from tracker windows [N, O, .]."""
+        flat = self.sessions["control"].run(None, {"window": windows.reshape(len(windows), -1)})[0]
+        return flat.reshape(len(windows), len(self.mode.sequence), CONTROL.size)
+
+    def estimate(self, windows: Array) -> Array:
+        """Stage 2: logits [N, C, D] of the codebook from tracker windows [N, O, .]."""
+        flat = self.sessions["estimator"].run(None, {"window": windows.reshape(len(windows), -1)})[0]
+        return flat.reshape(len(windows), self.channels, self.classes)
+
+    def decode(self, codes: np.ndarray, windows: Array) -> Array:
+        """Stage 2: lower-body sequences [N, S, .] from class numbers int [N, C] and tracker windows [N, O, .]."""
+        one_hot = np.eye(self.classes, dtype=np.float32)[codes].reshape(len(codes), -1)
+        flat = self.sessions["decoder"].run(None, {"codes": one_hot, "window": windows.reshape(len(windows), -1)})[0]
+        return flat.reshape(len(windows), len(self.mode.sequence), LOWER_BODY.size)
+
+
+@dataclass(frozen=True)
+class Model:
+    """A loaded model: its card and the networks of every mode that it holds."""
+
+    folder: Path
+    card: dict[str, Any]
+    modes: dict[str, ModeNetworks]
+
+    @property
+    def name(self) -> str:
+        return self.card["name"]
+
+    def networks(self, mode: str) -> ModeNetworks:
+        if mode not in self.modes:
+            raise InputError(self.folder, f"has no networks for the mode '{mode}'; it holds {', '.join(self.modes)}")
+        return self.modes[mode]
+
+
+def read_card(folder: Path) -> dict[str, Any]:
+    """The card of a model folder, checked against what this version of the engine solves with."""
+    path = Path(folder) / "card.json"
+    try:
+        card = json.loads(path.read_text())
+    except OSError as error:
+        raise InputError(folder, "is not a model: it has no card.json; choose a folder that `train` wrote") from error
+    except ValueError as error:
+        raise InputError(path, f"is not JSON ({error}); choose a folder that `train` wrote") from error
+    if not isinstance(card, dict) or card.get("format") != CARD_FORMAT:
+        raise InputError(path, f"has another format; '{CARD_FORMAT}' is expected")
+    missing = [key for key in ("name", "modes", "files", "training", "licence") if key not in card]
+    if missing:
+        raise InputError(path, f"lacks {', '.join(missing)}; train the model again with this version")
+    for name, entry in card["modes"].items():
+        if name not in MODES:
+            raise InputError(path, f"has the unknown mode '{name}'; known are {', '.join(MODES)}")
+        expected = signature(MODES[name])
+        for key, value in expected.items():
+            if entry["features"].get(key) != value:
+                raise InputError(path, f"was trained on other features ('{key}' of mode '{name}' differs); train the model again with this version")
+    return card
+
+
+def verify_files(folder: Path, card: dict[str, Any]) -> None:
+    """Every file that the card names is there and unchanged."""
+    for name, entry in card["files"].items():
+        path = Path(folder) / name
+        if not path.is_file():
+            raise InputError(path, "is missing; the card names it")
+        if hashlib.sha256(path.read_bytes()).hexdigest() != entry["sha256"]:
+            raise InputError(path, "is not the file that the card describes (its checksum differs); copy the model again")
+
+
+def find_models(folder: Path = MODELS_FOLDER) -> list[Path]:
+    """Model folders below `folder`."""
+    return sorted(path.parent for path in Path(folder).glob("*/card.json"))
+
+
+def load_model(folder: Path | None = None, threads: int = 0) -> Model:
+    """Loads a model folder (the shipped one by default) after checking its card and files; InputError where it does not fit.
+
+    `threads` 0 lets onnxruntime choose.
+    """
+    folder = Path(folder) if folder else DEFAULT_MODEL
+    card = read_card(folder)
+    verify_files(folder, card)
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise InputError("onnxruntime", f"cannot be imported ({error}); the extension ships it as a wheel, a checkout needs `pip install onnxruntime`") from error
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.log_severity_level = 3
+
+    def session(name: str) -> Any:
+        return onnxruntime.InferenceSession(str(folder / name), options, providers=["CPUExecutionProvider"])
+
+    modes = {
+        name: ModeNetworks(MODES[name], entry["channels"], entry["classes"], {part: session(f"{name}.{part}.onnx") for part in PARTS})
+        for name, entry in card["modes"].items()
+    }
+    return Model(folder, card, modes)

@@ -1,0 +1,195 @@
+"""Stages 1 and 2: from a calibrated take to a performance, looking ahead over the whole take or causally."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..features import CONTROL, LOWER_BODY, LOWER_JOINTS, RATE, UPPER_JOINTS, Frames, tracker_frames
+from ..motion.ground_frame import GroundFrame
+from ..motion.resample import frame_times, lerp_samples, slerp_samples
+from ..motion.rotations import Array, quat_from_sixd
+from ..progress import Progress, part
+from ..takes.take import Take
+from .candidates import choose_next, choose_path, draw, gumbel_noise, own_cost
+from .models import Model, ModeNetworks
+from .performance import Performance
+
+HOP = 5  # frames between the sequences of look-ahead mode
+BATCH = 64  # anchors per network call
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """mode "lookahead" (the whole take is known) or "causal" (nothing later than the frame is used); K candidates; variation 0 is the most
+    agreed answer, others are equally valid ones; the same seed gives the same motion."""
+
+    mode: str = "lookahead"
+    candidates: int = 16
+    variation: int = 0
+    seed: int = 0
+
+
+def at_rate(take: Take, rate: float = RATE) -> Take:
+    """A calibrated take sampled at a steady rate from its start."""
+    return sampled(take, frame_times(take.times[0], take.times[-1], rate))
+
+
+def sampled(take: Take, times: np.ndarray) -> Take:
+    """A calibrated take at other times (clamped to its own)."""
+    before = np.clip(np.searchsorted(take.times, times, side="right") - 1, 0, len(take.times) - 1)
+    return replace(
+        take,
+        times=times,
+        positions=lerp_samples(take.times, take.positions, times),
+        rotations=slerp_samples(take.times, take.rotations, times),
+        tracked=take.tracked[before],
+        extras={name: values[before] for name, values in take.extras.items()},
+    )
+
+
+def perform(take: Take, head_height: float, model: Model, options: SolveOptions) -> Generator[Progress, None, Performance]:
+    """Stages 1 and 2 on a calibrated take; `head_height` is the standing height of the head joint, metres."""
+    networks = model.networks(options.mode)
+    take = at_rate(take)
+    trackers, anchors = tracker_frames(take, head_height)
+    causal = options.mode == "causal"
+    frames = np.arange(0, len(take.times), 1 if causal else HOP)
+    sampler = _Sampler(networks, trackers, anchors, options)
+    if causal:
+        control, lower = yield from part(_sample_causally(sampler, frames), 0, 0.95)
+    else:
+        control, lower = yield from part(_sample_whole(sampler, frames), 0, 0.95)
+    yield Progress(0.95, "joining sequences")
+    weights = _past_weights(networks) if causal else _overlap_weights(networks)
+    join = Join(len(take.times), frames, networks.mode.sequence, weights)
+    return join_performance(take.times, join, control, *lower, head_height, causal)
+
+
+class _Sampler:
+    """Draws and decodes codes for anchors of one take."""
+
+    def __init__(self, networks: ModeNetworks, trackers: Frames, anchors: GroundFrame, options: SolveOptions) -> None:
+        self.networks, self.trackers, self.anchors = networks, trackers, anchors
+        self.noise = gumbel_noise(options.candidates, networks.channels, networks.classes, options.seed, options.variation)
+        self.consensus = options.variation == 0
+
+    def windows(self, frames: np.ndarray) -> Array:
+        return self.trackers.seen_from(self.anchors[frames], frames[:, None] + np.array(self.networks.mode.window))
+
+    def control(self, windows: Array, frames: np.ndarray) -> Array:
+        """Stage 1 in world axes: vectors [N, S, V, 3]."""
+        return Frames.to_world(CONTROL, self.networks.control(windows), self.anchors[frames])[0]
+
+    def decode(self, codes: np.ndarray, windows: Array, frames: np.ndarray) -> tuple[Array, Array]:
+        """Stage 2 in world axes: vectors [N, K, S, V, 3] and contacts [N, K, S, 4] of codes int [N, K, C]."""
+        count, candidates = codes.shape[:2]
+        sequences = self.networks.decode(codes.reshape(count * candidates, -1), np.repeat(windows, candidates, axis=0))
+        return Frames.to_world(LOWER_BODY, sequences.reshape(count, candidates, *sequences.shape[1:]), self.anchors[frames])
+
+    def cost(self, paths: Array, control: Array) -> Array:
+        return own_cost(paths, control[:, :, CONTROL.points.index("Hips.position")], self.consensus)
+
+
+def _batches(frames: np.ndarray) -> list[np.ndarray]:
+    return [frames[start : start + BATCH] for start in range(0, len(frames), BATCH)]
+
+
+def _sample_whole(sampler: _Sampler, frames: np.ndarray) -> Generator[Progress, None, tuple[Array, tuple[Array, Array]]]:
+    """Draws candidates for all hops, finds the best path through them, and decodes the winners in full."""
+    controls, codes, paths = [], [], []
+    for i, chunk in enumerate(_batches(frames)):
+        yield Progress(0.8 * i * BATCH / len(frames), "sampling the codebook")
+        windows = sampler.windows(chunk)
+        controls.append(sampler.control(windows, chunk))
+        codes.append(draw(sampler.networks, windows, sampler.noise))
+        paths.append(sampler.decode(codes[-1], windows, chunk)[0][..., : len(LOWER_JOINTS), :].copy())
+    yield Progress(0.8, "choosing")
+    control = np.concatenate(controls)
+    candidates = np.concatenate(paths)
+    chosen = choose_path(sampler.cost(candidates, control), candidates, HOP)
+    winners = np.concatenate(codes)[np.arange(len(frames)), chosen][:, None]
+    parts = []
+    for i, chunk in enumerate(_batches(frames)):
+        yield Progress(0.9 + 0.1 * i * BATCH / len(frames), "decoding")
+        parts.append(sampler.decode(winners[i * BATCH : i * BATCH + len(chunk)], sampler.windows(chunk), chunk))
+    return control, _joined(parts)
+
+
+def _sample_causally(sampler: _Sampler, frames: np.ndarray) -> Generator[Progress, None, tuple[Array, tuple[Array, Array]]]:
+    """Draws candidates for every frame and keeps the one that continues what was chosen before."""
+    controls, parts, current = [], [], None
+    for i, chunk in enumerate(_batches(frames)):
+        yield Progress(i * BATCH / len(frames), "sampling the codebook")
+        windows = sampler.windows(chunk)
+        controls.append(sampler.control(windows, chunk))
+        vectors, contacts = sampler.decode(draw(sampler.networks, windows, sampler.noise), windows, chunk)
+        paths = vectors[..., : len(LOWER_JOINTS), :]
+        own = sampler.cost(paths, controls[-1])
+        chosen = np.empty(len(chunk), dtype=int)
+        for frame in range(len(chunk)):
+            chosen[frame] = choose_next(own[frame], paths[frame], current)
+            current = paths[frame, chosen[frame]]
+        picked = np.arange(len(chunk)), chosen
+        parts.append((vectors[picked][:, None], contacts[picked][:, None]))
+    return np.concatenate(controls), _joined(parts)
+
+
+def _joined(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Chosen vectors [H, S, V, 3] and contacts [H, S, 4] of all batches."""
+    vectors, contacts = (np.concatenate(values)[:, 0] for values in zip(*parts, strict=True))
+    return vectors, contacts
+
+
+def _overlap_weights(networks: ModeNetworks) -> Array:
+    """A raised cosine over the sequence: its middle counts most."""
+    count = len(networks.mode.sequence)
+    return (0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(count) + 1) / (count + 1))).astype(np.float32)
+
+
+def _past_weights(networks: ModeNetworks) -> Array:
+    """Newer sequences count more; a frame is the mean of what was said of it until then."""
+    return np.exp(-np.arange(len(networks.mode.sequence)) / 3).astype(np.float32)
+
+
+class Join:
+    """Overlap-add: sequences [H, S, ...] of all hops become frames [T, ...], weighted by their place in the sequence."""
+
+    def __init__(self, count: int, frames: np.ndarray, offsets: tuple[int, ...], weights: Array) -> None:
+        where = frames[:, None] + np.array(offsets)
+        self.inside = (where >= 0) & (where < count)
+        self.where, self.count = where[self.inside], count
+        self.weights = np.broadcast_to(weights, where.shape)[self.inside]
+        self.total = np.bincount(self.where, self.weights, count)
+
+    def __call__(self, values: Array) -> Array:
+        flat = values[self.inside].reshape(len(self.where), -1) * self.weights[:, None]
+        summed = np.stack([np.bincount(self.where, column, self.count) for column in flat.T], axis=-1)
+        return (summed / self.total[:, None]).reshape(self.count, *values.shape[2:]).astype(np.float32)
+
+
+def join_performance(
+    times: np.ndarray, join: Join, control: Array, vectors: Array, contacts: Array, head_height: float, causal: bool
+) -> Performance:
+    """The frames of a take from control vectors [H, S, V, 3], chosen lower-body vectors [H, S, V, 3] and contacts [H, S, 4]."""
+    joints = len(LOWER_JOINTS)
+    positions = vectors[:, :, :joints]
+    velocities = np.diff(positions, axis=1, prepend=2 * positions[:, :1] - positions[:, 1:2]) * np.float32(RATE)
+    upper = control[:, :, -2 * len(UPPER_JOINTS) :]
+    return Performance(
+        times=times,
+        lower_positions=join(positions),
+        lower_velocities=join(velocities),
+        lower_rotations=_rotations(join(vectors[:, :, joints:])),
+        upper_rotations=_rotations(join(upper)),
+        contacts=np.clip(join(contacts), 0, 1),
+        head_height=head_height,
+        causal=causal,
+    )
+
+
+def _rotations(axes: Array) -> Array:
+    """Rotations [T, J, 4] from averaged first and second axes [T, 2 J, 3]."""
+    return quat_from_sixd(axes.reshape(len(axes), -1, 6)).astype(np.float32)

@@ -1,0 +1,55 @@
+"""Reading a take, whatever its format: found by what the file holds, not by its name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol
+
+from ..errors import InputError
+from . import bsor, native_csv, xr_csv
+from .recording import TakeOverrides
+from .take import Take
+
+HEAD_BYTES = 65536
+MEASURE = TakeOverrides()
+
+
+class Reader(Protocol):
+    """What a format's module offers."""
+
+    @property
+    def NAME(self) -> str: ...
+
+    def recognises(self, head: bytes) -> bool: ...
+
+    def read(self, path: Path, overrides: TakeOverrides) -> Take: ...
+
+
+READERS: tuple[Reader, ...] = (native_csv, bsor, xr_csv)
+
+
+def read_take(path: str | Path, overrides: TakeOverrides = MEASURE) -> Take:
+    """The take in a file, in engine axes and metres, with a report of how it was read. InputError if it cannot be read."""
+    path = Path(path)
+    head = read_head(path)
+    for reader in READERS:
+        if reader.recognises(head):
+            return reader.read(path, overrides)
+    raise InputError(path, f"is not a take; these are read: {', '.join(reader.NAME for reader in READERS)}")
+
+
+def is_bvh(path: Path) -> bool:
+    """Whether a file is mocap in BVH, not a take. InputError if there is no such file or it is empty."""
+    return read_head(path).removeprefix(b"\xef\xbb\xbf").lstrip()[:9].upper() == b"HIERARCHY"
+
+
+def read_head(path: Path) -> bytes:
+    """The first bytes of a file, to tell its format by. InputError if there is no such file or it is empty."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+    except OSError as error:
+        raise InputError(path, f"cannot be read: {error.strerror}") from None
+    if not head:
+        raise InputError(path, "is empty; a recording is needed")
+    return head

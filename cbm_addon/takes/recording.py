@@ -1,0 +1,201 @@
+"""From the rows of a file to a take: decides the constants, converts once, and finds, repairs or reports what is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from ..errors import InputError
+from ..motion.rotations import Array, continuous, normalize
+from .frames import METRES, hands_swapped, measure_axes, measure_unit, to_engine
+from .take import DEVICES, HANDS, HEAD, Constant, Defect, Take, TakeReport
+
+FARTHEST_HAND = 1.5  # metres from the headset: beyond it a controller is no longer in a hand
+FASTEST_HAND = 25.0  # metres per second
+RATES = (15.0, 150.0)  # samples per second of the headsets that exist
+GAP = 0.25  # seconds without a sample
+HEADSET_HEIGHT = (0.5, 2.5)  # metres, median, when the origin is on the floor
+
+
+@dataclass(frozen=True)
+class TakeOverrides:
+    """What the user knows better than the measurements. None: measure.
+
+    unit        a key of METRES
+    axes        a key of AXES
+    swap_hands  True: the file's left is the right hand; False: it is not, whatever is measured
+    """
+
+    unit: str | None = None
+    axes: str | None = None
+    swap_hands: bool | None = None
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The rows of a file as they stand there, in its own axes and unit; NaN where the file says nothing.
+
+    times      float64 [T], seconds from any origin
+    positions  float64 [T, 3, 3], rotations float64 [T, 3, 4] w x y z of any length
+    axes, unit set by the format, or None: to be measured
+    constants  what the reader itself decided, for example the meaning of a time column
+    """
+
+    format: str
+    times: np.ndarray
+    positions: Array
+    rotations: Array
+    kind: Literal["device", "joint"] = "device"
+    extras: dict[str, Array] = field(default_factory=dict)
+    axes: str | None = None
+    unit: str | None = None
+    origin: dict[str, str] = field(default_factory=dict)
+    constants: dict[str, Constant[Any]] = field(default_factory=dict)
+
+
+class _Defects(list[Defect]):
+    def note(self, kind: str, count: int | np.integer, message: str) -> None:
+        """Notes a defect of `count` samples, if any; `message` may name {count}."""
+        if count:
+            self.append(Defect(kind, int(count), message.format(count=int(count))))
+
+
+def take_from(recording: Recording, path: Path, overrides: TakeOverrides) -> Take:
+    """The take in a recording; InputError when no take can be made of it."""
+    defects = _Defects()
+    tracked = _tracked(recording, defects)
+    rows = _usable_rows(recording.times, tracked[:, HEAD], path, defects)
+    times, tracked = recording.times[rows] - recording.times[rows[0]], tracked[rows]
+    positions = np.where(tracked[..., None], recording.positions[rows], np.nan)
+    rotations = np.where(tracked[..., None], normalize(recording.rotations[rows]), np.nan)
+
+    axes = _axes(recording, positions, rotations, overrides, defects)
+    positions, rotations = to_engine(positions, rotations, axes.value)
+    unit = _unit(recording, positions, overrides, path)
+    positions = positions * METRES[unit.value]
+    swapped = _swap(positions, rotations, overrides, defects)
+    if swapped.value:
+        order = [0, 2, 1]
+        positions, rotations, tracked = positions[:, order], rotations[:, order], tracked[:, order]
+
+    out_of_reach = np.linalg.norm(positions - positions[:, [HEAD]], axis=-1) > FARTHEST_HAND
+    defects.note("out_of_reach", out_of_reach.sum(), f"{{count}} hand samples over {FARTHEST_HAND} m from the headset: taken as not tracked")
+    tracked = tracked & ~out_of_reach
+    positions, rotations = (np.where(tracked[..., None], values, np.nan) for values in (positions, rotations))
+    rotations = _without_flips(rotations, tracked, defects)
+    _notice(times, positions, tracked, defects)
+
+    constants = {"axes": axes, "unit": unit, "swap_hands": swapped, **recording.constants}
+    return Take(
+        name=path.stem,
+        times=times,
+        positions=positions.astype(np.float32),
+        rotations=rotations.astype(np.float32),
+        tracked=tracked,
+        kind=recording.kind,
+        extras={name: values[rows].astype(np.float32) for name, values in recording.extras.items()},
+        report=TakeReport(recording.format, len(recording.times), recording.origin, constants, tuple(defects)),
+    )
+
+
+def _tracked(recording: Recording, defects: _Defects) -> np.ndarray:
+    """Bool [T, 3]: position and rotation are there and the rotation is one."""
+    length = np.linalg.norm(recording.rotations, axis=-1)
+    finite = np.isfinite(recording.positions).all(-1) & np.isfinite(length)
+    zero = finite & (length < 1e-6)
+    defects.note("zero_quaternion", zero.sum(), "{count} poses whose quaternion is zero: taken as not tracked")
+    off = finite & ~zero & (np.abs(length - 1) > 0.05)
+    defects.note("quaternion_length", off.sum(), "{count} quaternions more than 5 % away from unit length: normalised")
+    return finite & ~zero
+
+
+def _usable_rows(times: np.ndarray, head_tracked: np.ndarray, path: Path, defects: _Defects) -> np.ndarray:
+    """Indices of rows whose times increase, from the first to the last where the head is tracked."""
+    if not head_tracked.any():
+        raise InputError(path, "the headset is tracked in no row; a take needs at least the head")
+    first, last = np.flatnonzero(head_tracked)[[0, -1]]
+    rows = np.arange(first, last + 1)
+    defects.note("no_head_at_ends", len(times) - len(rows), "{count} rows before the first or after the last pose of the head: left out")
+
+    timed = np.isfinite(times[rows])
+    defects.note("no_time", (~timed).sum(), "{count} rows without a time: left out")
+    rows = rows[timed]
+    latest = np.maximum.accumulate(times[rows])
+    backward = times[rows] < latest
+    if backward.mean() > 0.5:
+        raise InputError(path, f"times run backward in {backward.sum()} of {len(rows)} rows; they must be seconds or milliseconds since the start")
+    defects.note("backward_time", backward.sum(), "{count} rows with a time before that of an earlier row: left out")
+    rows = rows[~backward]
+    repeated = np.append(np.diff(times[rows]) == 0, False)
+    defects.note("duplicate_time", repeated.sum(), "{count} rows with the time of the next row: left out")
+    rows = rows[~repeated]
+    if len(rows) < 2:
+        raise InputError(path, f"has {len(rows)} usable sample; a take needs at least 2")
+    return rows
+
+
+def _axes(recording: Recording, positions: Array, rotations: Array, overrides: TakeOverrides, defects: _Defects) -> Constant[str]:
+    measured = measure_axes(positions, rotations) if recording.axes != "engine" else None
+    if overrides.axes:
+        return Constant(overrides.axes, "given")
+    if recording.axes:
+        axes = Constant(recording.axes, "format")
+    else:
+        assert measured is not None
+        axes = measured
+        if (axes.confidence or 0) < 0.3:
+            defects.note("axes_uncertain", len(positions), f"axes are uncertain ({axes.why}): look at the result, or pass --axes")
+    if recording.axes and measured and measured.value != recording.axes and (measured.confidence or 0) > 0.3:
+        defects.note("axes_unlikely", len(positions), f"the format says {recording.axes} axes but {measured.why}: look at the result, or pass --axes")
+    return axes
+
+
+def _unit(recording: Recording, positions: Array, overrides: TakeOverrides, path: Path) -> Constant[str]:
+    if overrides.unit:
+        return Constant(overrides.unit, "given")
+    if recording.unit:
+        return Constant(recording.unit, "format")
+    unit = measure_unit(positions)
+    if unit is None:
+        distance = np.nanmedian(np.linalg.norm(positions[:, HANDS] - positions[:, [HEAD]], axis=-1))
+        raise InputError(path, f"no unit fits a human: the hands are {distance:.4g} from the head; pass --unit m, cm or mm")
+    return unit
+
+
+def _swap(positions: Array, rotations: Array, overrides: TakeOverrides, defects: _Defects) -> Constant[bool]:
+    if overrides.swap_hands is not None:
+        return Constant(overrides.swap_hands, "given")
+    swapped = hands_swapped(positions, rotations)
+    if swapped.value:
+        defects.note("hands_swapped", len(positions), f"{swapped.why}: hands exchanged; pass --no-swap-hands to keep them")
+    return swapped
+
+
+def _without_flips(rotations: Array, tracked: np.ndarray, defects: _Defects) -> Array:
+    """Signs chosen along each device's own tracked samples."""
+    rotations = rotations.copy()
+    flips = 0
+    for device in range(len(DEVICES)):
+        seen = rotations[tracked[:, device], device]
+        flips += int(np.sum(np.sum(seen[1:] * seen[:-1], axis=-1) < 0))
+        rotations[tracked[:, device], device] = continuous(seen)
+    defects.note("sign_flip", flips, "{count} quaternion sign flips: made continuous")
+    return rotations
+
+
+def _notice(times: np.ndarray, positions: Array, tracked: np.ndarray, defects: _Defects) -> None:
+    """What is worth knowing but is left as it is."""
+    steps = np.diff(times)
+    rate = 1 / np.median(steps)
+    defects.note("implausible_rate", len(times) * (not RATES[0] <= rate <= RATES[1]), f"{rate:.0f} samples a second are unusual: is the time unit right?")
+    defects.note("gap", (steps > GAP).sum(), f"{{count}} gaps without samples, the longest {steps.max():.2f} s")
+    for device, name in enumerate(DEVICES):
+        defects.note(f"{name}_lost", (~tracked[:, device]).sum(), f"{name} not tracked in {np.mean(~tracked[:, device]):.1%} of samples")
+    speed = np.linalg.norm(np.diff(positions, axis=0), axis=-1) / steps[:, None]
+    defects.note("hand_jump", (speed > FASTEST_HAND).sum(), f"{{count}} steps faster than {FASTEST_HAND:.0f} m/s, the fastest {np.nanmax(speed):.0f} m/s")
+    height = np.nanmedian(positions[:, HEAD, 2])
+    off_floor = not HEADSET_HEIGHT[0] <= height <= HEADSET_HEIGHT[1]
+    defects.note("origin_off_floor", len(times) * off_floor, f"median head height {height:.2f} m: the origin is not on the floor")

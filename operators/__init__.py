@@ -1,0 +1,1 @@
+"""Operators: they read the context, call the engine and report."""

@@ -1,0 +1,1 @@
+"""Panels: the sidebar, its preferences, and nothing that computes."""

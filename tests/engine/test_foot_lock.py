@@ -1,0 +1,68 @@
+"""Foot locks: what is in contact stands still, what is not keeps its predicted velocity."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cbm_addon.solve.foot_lock import contact_states, lock_causally, solve_paths, without_blips
+
+RATE = 30.0
+
+
+def walk() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A foot that drifts where it should stand: positions [T, 1, 3], velocities, contacts bool [T, 1]."""
+    time = np.arange(90) / RATE
+    stepping = (time % 1.0) > 0.5
+    speed = np.where(stepping, 1.4, 0.12)
+    x = np.cumsum(speed) / RATE
+    positions = np.stack((x, 0 * x, np.where(stepping, 0.1, 0.0)), axis=-1)[:, None].astype(np.float32)
+    velocities = np.gradient(positions, axis=0) * RATE
+    return positions, velocities, ~stepping[:, None]
+
+
+def test_a_locked_foot_stands_still_and_stays_near_its_prediction() -> None:
+    positions, velocities, contact = walk()
+    path = solve_paths(positions, velocities, contact, RATE)
+    still = (contact[1:] & contact[:-1])[:, 0]
+    speed = np.linalg.norm(np.diff(path[:, 0], axis=0), axis=-1) * RATE
+    assert speed[still].max() < 0.01, "metres per second in contact"
+    assert np.abs(path - positions).max() < 0.1
+
+
+def test_without_contacts_and_with_consistent_velocities_nothing_changes() -> None:
+    positions, _, contact = walk()
+    steps = np.diff(positions, axis=0, prepend=positions[:1]) * RATE
+    np.testing.assert_allclose(solve_paths(positions, steps, np.zeros_like(contact), RATE), positions, atol=1e-5)
+
+
+def test_the_solution_is_the_least_squares_optimum() -> None:
+    """An independent oracle: the same problem as a dense matrix."""
+    random = np.random.default_rng(0)
+    positions, velocities = random.normal(size=(2, 12, 1, 3)).astype(np.float32)
+    contact = random.random((12, 1)) > 0.5
+    still = contact[1:, 0] & contact[:-1, 0]
+    rows, right = [np.eye(12)], [positions[:, 0]]
+    for t in range(1, 12):
+        weight = np.sqrt(1000.0 if still[t - 1] else 20.0)
+        row = np.zeros((1, 12))
+        row[0, t], row[0, t - 1] = weight, -weight
+        rows.append(row)
+        right.append(weight * (0 * velocities[t] if still[t - 1] else velocities[t] / RATE))
+    expected = np.linalg.lstsq(np.concatenate(rows), np.concatenate(right), rcond=None)[0]
+    np.testing.assert_allclose(solve_paths(positions, velocities, contact, RATE)[:, 0], expected, atol=1e-4)
+
+
+def test_a_causal_lock_uses_no_later_frame() -> None:
+    positions, _, contact = walk()
+    whole = lock_causally(positions, contact, 3.0)
+    for end in (20, 47, 61):
+        np.testing.assert_array_equal(lock_causally(positions[:end], contact[:end], 3.0), whole[:end])
+    still = (contact[1:] & contact[:-1])[:, 0]
+    assert np.abs(np.diff(whole[:, 0], axis=0)[still]).max() < 1e-6
+
+
+def test_contacts_have_hysteresis_and_no_blips() -> None:
+    probability = np.array([0.1, 0.7, 0.5, 0.45, 0.5, 0.3, 0.9, 0.2, 0.1, 0.1, 0.1], np.float32)[:, None]
+    state = contact_states(probability)
+    assert state[:, 0].tolist() == [False, True, True, True, True, False, True, False, False, False, False]
+    assert without_blips(state)[:, 0].tolist() == [False, True, True, True, True, True, True, False, False, False, False]

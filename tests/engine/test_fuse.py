@@ -1,0 +1,132 @@
+"""Stage 3: on any body the head and wrists meet the trackers, bones keep their lengths, knees bend forward and planted feet stand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cbm_addon.features import LOWER_JOINTS, RATE, UPPER_JOINTS
+from cbm_addon.motion.contacts import CONTACT_JOINTS, contact_labels
+from cbm_addon.motion.motion import Motion
+from cbm_addon.motion.resample import lerp_samples
+from cbm_addon.motion.rotations import multiply, quat_from_rotvec, rotate
+from cbm_addon.motion.skeleton import BODY_JOINTS, Skeleton
+from cbm_addon.solve.fuse import fuse
+from cbm_addon.solve.performance import Performance
+from cbm_addon.takes.synthesize import synthesize
+
+ENDS = {"Head": 0, "LeftHand": 1, "RightHand": 2}
+
+
+def true_performance(motion: Motion, causal: bool = False) -> Performance:
+    """What perfect networks would say of a motion."""
+    height = motion.skeleton.height_above_toes()
+    rotations, positions = motion.forward()
+    lower, upper = motion.skeleton.indices(list(LOWER_JOINTS)), motion.skeleton.indices(list(UPPER_JOINTS))
+    normal = positions[:, lower] / np.float32(height)
+    velocities = np.diff(normal, axis=0, prepend=normal[:1]) * np.float32(RATE)
+    contacts = contact_labels(motion.skeleton, positions, RATE).astype(np.float32)
+    return Performance(motion.times, normal, velocities, rotations[:, lower], rotations[:, upper], contacts, height, causal)
+
+
+def without(body: Skeleton, *names: str) -> Skeleton:
+    return body.subset(tuple(name for name in BODY_JOINTS if name not in names))
+
+
+def stretched(body: Skeleton, part: str, factor: float) -> Skeleton:
+    offsets = body.offsets.copy()
+    for i, name in enumerate(body.names):
+        if part in name:
+            offsets[i] *= factor
+    return replace(body, offsets=offsets)
+
+
+def test_the_truth_gives_back_the_truth(body_motion: Motion) -> None:
+    solved = fuse(true_performance(body_motion), synthesize(body_motion), body_motion.times, body_motion.skeleton)
+    error = np.linalg.norm(solved.positions() - body_motion.positions(), axis=-1)
+    assert error.mean() < 0.01
+    assert np.percentile(error, 99) < 0.04
+
+
+BODIES = {
+    "the person's own": lambda body: body,
+    "a child of 1.1 m": lambda body: body.scaled(1.1 / 1.75),
+    "a giant of 2.2 m": lambda body: body.scaled(2.2 / 1.75),
+    "long arms": lambda body: stretched(stretched(body, "ForeArm", 1.2), "Hand", 1.2),
+    "short legs": lambda body: stretched(body, "Leg", 0.85),
+    "no shoulders and one spine bone": lambda body: without(body, "LeftShoulder", "RightShoulder", "Spine1", "Spine2"),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_head_and_wrists_meet_the_trackers_on_any_body(body_motion: Motion, name: str) -> None:
+    body = BODIES[name](body_motion.skeleton)
+    take = synthesize(body_motion)
+    solved = fuse(true_performance(body_motion), take, body_motion.times, body)
+    scale = body.height_above_toes() / body_motion.skeleton.height_above_toes()
+    rotations, positions = solved.forward()
+    for joint, device in ENDS.items():
+        missed = np.linalg.norm(positions[:, body.index(joint)] - take.positions[:, device] * scale, axis=-1)
+        assert np.mean(missed < 0.01) > 0.95, joint
+        same = np.abs(np.sum(rotations[:, body.index(joint)] * take.rotations[:, device], axis=-1))
+        np.testing.assert_allclose(same, 1, atol=1e-4)
+
+
+def test_the_head_is_always_met_even_when_hips_and_hands_are_predicted_badly(body_motion: Motion) -> None:
+    random = np.random.default_rng(0)
+    truth = true_performance(body_motion)
+    wrong = replace(
+        truth,
+        lower_positions=truth.lower_positions + random.normal(0, 0.08, (1, 1, 3)).astype(np.float32),
+        upper_rotations=multiply(quat_from_rotvec(random.normal(0, 0.3, (1, 10, 3)).astype(np.float32)), truth.upper_rotations),
+    )
+    take = synthesize(body_motion)
+    solved = fuse(wrong, take, body_motion.times, body_motion.skeleton)
+    head = solved.positions()[:, solved.skeleton.index("Head")]
+    np.testing.assert_allclose(head, take.positions[:, 0], atol=1e-4)
+
+
+def test_knees_bend_forward(body_motion: Motion) -> None:
+    solved = fuse(true_performance(body_motion), synthesize(body_motion), body_motion.times, body_motion.skeleton)
+    rotations, positions = solved.forward()
+    for side in ("Left", "Right"):
+        hip, knee, ankle = (positions[:, solved.skeleton.index(f"{side}{name}")] for name in ("UpLeg", "Leg", "Foot"))
+        forward = rotate(rotations[:, 0], np.array([0, -1, 0], np.float32))
+        bulge = np.sum((knee - (hip + ankle) / 2) * forward, axis=-1)
+        assert bulge.min() > -0.01
+
+
+def test_planted_feet_stand_still_though_they_were_predicted_to_slide(body_motion: Motion) -> None:
+    truth = true_performance(body_motion)
+    drift = np.linspace(0, 0.1, len(body_motion))[:, None, None] * np.array([1, 0, 0])
+    feet = [LOWER_JOINTS.index(name) for name in CONTACT_JOINTS]
+    sliding = truth.lower_positions.copy()
+    sliding[:, feet] += drift.astype(np.float32)
+    solved = fuse(replace(truth, lower_positions=sliding), synthesize(body_motion), body_motion.times, body_motion.skeleton)
+    toes = solved.positions()[:, solved.skeleton.indices(["LeftToe", "RightToe"]), :2]
+    contact = truth.contacts[:, [1, 3]] > 0.5
+    inside = contact[2:] & contact[1:-1] & contact[:-2]
+    speed = np.linalg.norm(np.diff(toes, axis=0), axis=-1)[1:] * RATE
+    assert np.median(speed[inside]) < 0.01
+    assert np.percentile(speed[inside], 90) < 0.08
+
+
+def test_a_causal_performance_gives_frames_that_do_not_depend_on_later_ones(body_motion: Motion) -> None:
+    take = synthesize(body_motion)
+    performance = true_performance(body_motion, causal=True)
+    whole = fuse(performance, take, body_motion.times, body_motion.skeleton)
+    half = len(body_motion) // 2
+    early = Performance(*(getattr(performance, name)[:half] for name in list(performance.__dataclass_fields__)[:6]), performance.head_height, True)
+    part = fuse(early, take, body_motion.times[:half], body_motion.skeleton)
+    np.testing.assert_allclose(part.positions(), whole.positions()[:half], atol=1e-4)
+
+
+def test_any_frame_rate_is_met_exactly(body_motion: Motion) -> None:
+    take = synthesize(body_motion)
+    times = np.arange(0, 7.5, 1 / 24)
+    solved = fuse(true_performance(body_motion), take, times, body_motion.skeleton)
+    assert len(solved) == len(times)
+    head = solved.positions()[:, solved.skeleton.index("Head")]
+    np.testing.assert_allclose(head, lerp_samples(take.times, take.positions[:, 0], times), atol=1e-4)

@@ -1,0 +1,156 @@
+"""Training: resumable to the same result, exported as it was trained, split by clip, and honest about what it cannot use."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from cbm_addon.errors import InputError  # noqa: E402
+from cbm_addon.features import MODES  # noqa: E402
+from cbm_addon.learn.config import TrainConfig, read_config  # noqa: E402
+from cbm_addon.learn.dataset import Dataset, clip_frames, join, read_body_motion  # noqa: E402
+from cbm_addon.learn.export import export  # noqa: E402
+from cbm_addon.learn.networks import CodebookMatching, matching_loss, sample_codes  # noqa: E402
+from cbm_addon.learn.split import CORE_SPLIT, read_split, split_of  # noqa: E402
+from cbm_addon.learn.training import train_mode  # noqa: E402
+from cbm_addon.motion.bvh import write_bvh  # noqa: E402
+from cbm_addon.motion.mirror import mirror  # noqa: E402
+from cbm_addon.motion.motion import Motion  # noqa: E402
+from cbm_addon.motion.skeleton import Skeleton  # noqa: E402
+from cbm_addon.progress import run  # noqa: E402
+from cbm_addon.solve.models import load_model  # noqa: E402
+
+CONFIG = TrainConfig(name="test", channels=4, classes=4, hidden=16, epochs=2, batch=64, modes=("lookahead",))
+MODE = MODES["lookahead"]
+
+
+@pytest.fixture(scope="module")
+def data(body_motion: Motion) -> dict[str, Dataset]:
+    return {"train": join([clip_frames("a", body_motion), clip_frames("a", mirror(body_motion))]), "validation": join([clip_frames("b", body_motion)])}
+
+
+def test_a_resumed_run_ends_where_an_unbroken_one_does(data: dict[str, Dataset], tmp_path: Path) -> None:
+    whole = run(train_mode(data, MODE, CONFIG, tmp_path / "whole.npz", False))
+    job = train_mode(data, MODE, CONFIG, tmp_path / "broken.npz", False)
+    for event in job:
+        if event.message.startswith("epoch 1:"):
+            break
+    job.close()
+    resumed = run(train_mode(data, MODE, CONFIG, tmp_path / "broken.npz", True))
+    for a, b in zip(whole.modules().parameters(), resumed.modules().parameters(), strict=True):
+        torch.testing.assert_close(a, b, rtol=0, atol=0)
+
+
+def test_a_checkpoint_of_another_configuration_is_refused(data: dict[str, Dataset], tmp_path: Path) -> None:
+    run(train_mode(data, MODE, CONFIG, tmp_path / "checkpoint.npz", False))
+    with pytest.raises(InputError, match="another configuration"):
+        run(train_mode(data, MODE, replace(CONFIG, hidden=24), tmp_path / "checkpoint.npz", True))
+
+
+def test_the_exported_networks_compute_what_the_trained_ones_do(data: dict[str, Dataset], tmp_path: Path) -> None:
+    networks = run(train_mode(data, MODE, CONFIG, tmp_path / "checkpoint.npz", False))
+    export([networks], tmp_path / "model", {"name": "test", "licence": "none", "training": {}})
+    loaded = load_model(tmp_path / "model").networks("lookahead")
+    windows, _, _ = data["validation"].batch(np.arange(0, 100, 10), MODE)
+    codes = np.arange(10 * 4).reshape(10, 4) % 4
+    stats = networks.statistics
+    x = stats["window"].normalise(torch.from_numpy(windows.reshape(10, -1)))
+    one_hot = torch.nn.functional.one_hot(torch.from_numpy(codes), 4).float()
+    with torch.no_grad():
+        expected = {
+            "control": stats["control"].restore(networks.control(x)),
+            "logits": networks.lower_body.logits(networks.lower_body.estimator, x),
+            "lower body": stats["lower_body"].restore(networks.lower_body.decode(one_hot, x)),
+        }
+    found = {"control": loaded.control(windows), "logits": loaded.estimate(windows), "lower body": loaded.decode(codes, windows)}
+    for name, values in expected.items():  # fp16 weights: a thousandth of the values' size
+        np.testing.assert_allclose(found[name].reshape(10, -1), values.numpy().reshape(10, -1), atol=5e-3, err_msg=name)
+
+
+def test_windows_never_cross_into_another_clip(body_motion: Motion) -> None:
+    still = replace(body_motion, root=body_motion.root * 0 + body_motion.root[:1], rotations=body_motion.rotations[:1].repeat(len(body_motion), 0))
+    data = join([clip_frames("still", still), clip_frames("moving", body_motion)])
+    last = np.array([len(body_motion) - 1])
+    window, _, _ = data.batch(last, MODE)
+    np.testing.assert_allclose(window, window[:, :1].repeat(window.shape[1], 1), atol=1e-6)
+
+
+def test_codes_are_one_hot_and_follow_the_logits() -> None:
+    torch.manual_seed(0)
+    logits = torch.log(torch.tensor([0.7, 0.2, 0.1])).expand(20000, 1, 3)
+    codes = sample_codes(logits)
+    assert torch.equal(codes.round().sum(-1), torch.ones(20000, 1))
+    torch.testing.assert_close(codes.mean(0)[0], torch.tensor([0.7, 0.2, 0.1]), atol=0.02, rtol=0)
+
+
+@pytest.mark.parametrize("kind", ["kl", "probabilities", "paper"])
+def test_matching_draws_encoder_and_estimator_together(kind: str) -> None:
+    torch.manual_seed(0)
+    encoder, estimator = (torch.randn(256, 3, 4, requires_grad=True) for _ in range(2))
+    matching_loss(kind, encoder, estimator).backward()
+    assert encoder.grad is not None
+    assert estimator.grad is not None
+    assert encoder.grad.abs().sum() > 0
+    assert estimator.grad.abs().sum() > 0
+    same = torch.randn(256, 3, 4) * 20  # nearly certain: the samples agree too
+    assert matching_loss(kind, same, same) < matching_loss(kind, same, same.roll(1, 0))
+
+
+def test_codebook_matching_separates_the_branches_of_an_ambiguous_function() -> None:
+    """Appendix A in miniature: y = +x or -x. A regressor says 0; sampled codes must say one of the two."""
+    torch.manual_seed(1)
+    net = CodebookMatching(1, 1, 4, 4, 64, 0.0)
+    optimiser = torch.optim.AdamW(net.parameters(), 3e-3)
+    for _ in range(1200):
+        x = torch.rand(256, 1) * 0.5 + 0.5
+        y = x * (torch.randint(0, 2, (256, 1)) * 2 - 1)
+        reconstruction, matching = net.losses(x, y, "kl")
+        optimiser.zero_grad()
+        (reconstruction + 0.05 * matching).backward()
+        optimiser.step()
+    net.eval()
+    x = torch.rand(2000, 1) * 0.5 + 0.5
+    with torch.no_grad():
+        drawn = net.decode(sample_codes(net.logits(net.estimator, x)), x)
+    coherent = ((drawn.abs() - x).abs() < 0.25 * x).float().mean()
+    assert coherent > 0.9
+    assert 0.3 < (drawn > 0).float().mean() < 0.7
+
+
+def test_clips_with_other_joints_are_refused_with_the_list(tmp_path: Path) -> None:
+    nan = np.full((2, 3), np.nan, np.float32)
+    skeleton = Skeleton(("Hips", "Spine"), np.array([-1, 0]), np.array([[0, 0, 1], [0, 0, 0.2]], np.float32), nan)
+    quats = np.zeros((60, 2, 4), np.float32)
+    quats[..., 0] = 1
+    write_bvh(tmp_path / "short.bvh", Motion(skeleton, np.arange(60) / 30, np.zeros((60, 3), np.float32), quats))
+    with pytest.raises(InputError, match=r"short\.bvh.*LeftUpLeg.*RightToe"):
+        read_body_motion(tmp_path / "short.bvh")
+
+
+def test_the_committed_split_is_by_clip_and_by_performer() -> None:
+    split = read_split()
+    counts = {name: sum(value == name for value in split.values()) for name in ("train", "validation", "test")}
+    assert counts["test"] >= 20
+    assert counts["validation"] >= 20
+    second_player = {value for stem, value in split.items() if re.fullmatch(r"snu_basketball__s_\d+_\d+_2(_s\d)?", stem)}
+    assert second_player == {"validation", "test"}
+    assert '"by": "performer"' in CORE_SPLIT.read_text()
+
+
+def test_clips_outside_the_split_file_are_divided_the_same_way_everywhere() -> None:
+    names = [f"clip{i}" for i in range(1000)]
+    shares = [split_of(name, {}) for name in names]
+    assert shares == [split_of(name, {}) for name in names]
+    assert 850 < shares.count("train") < 950
+
+
+def test_a_configuration_with_an_unknown_setting_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "config.toml").write_text("chanels = 3\n")
+    with pytest.raises(InputError, match="chanels"):
+        read_config(tmp_path / "config.toml")
