@@ -8,7 +8,9 @@ cli_commands: list[object] = []
 
 def classes() -> tuple[type, ...]:
     """Every Blender class of the extension, in the order in which they are registered."""
-    return ()
+    from .operators.import_mocap import CBM_OT_import_mocap
+
+    return (CBM_OT_import_mocap,)
 
 
 def register() -> None:

@@ -18,7 +18,7 @@ from .console import Console
 from .errors import InputError
 from .outputs import replacing
 
-COMMANDS = ("info", "convert", "synthesize", "train", "solve", "models")
+COMMANDS = ("info", "convert", "synthesize", "train", "solve", "evaluate", "models")
 
 DONE, OUR_FAULT, BAD_INPUT, CANCELLED = 0, 1, 2, 130
 
@@ -40,7 +40,7 @@ def main(argv: list[str] | None = None) -> int:
         args = build_parser().parse_args(argv)
         with replacing(args.json, overwrite=True) if args.json else nullcontext() as report_file:
             started = time.perf_counter()
-            report = args.run(args, Console(args.quiet))
+            report = args.run(args, Console(args.quiet, args.json_lines))
             if report_file:
                 facts = {"command": args.command, "version": __version__, "seconds": time.perf_counter() - started}
                 report_file.write_text(json.dumps(_plain(facts | report), indent=2) + "\n", encoding="utf-8")
@@ -69,6 +69,7 @@ def build_parser() -> Parser:
         command.add_arguments(options)
         options.add_argument("--json", type=Path, metavar="FILE", help="write a machine-readable report")
         options.add_argument("--quiet", action="store_true", help="hide the progress bar")
+        options.add_argument("--json-lines", action="store_true", help="print progress as JSON lines, for a program that drives this one")
         options.add_argument("--overwrite", action="store_true", help="replace outputs that exist")
         options.set_defaults(run=command.run)
     return parser

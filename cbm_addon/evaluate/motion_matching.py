@@ -91,7 +91,7 @@ def _weights(mode: Mode) -> Array:
     """How much each frame of a sequence counts: neighbouring matches fade into each other in straight lines."""
     offsets = np.array(mode.sequence)
     if mode.name == "causal":
-        return (np.minimum(np.minimum(offsets + 1, HOP + FADE - offsets), FADE) / FADE).astype(np.float32)
+        return (np.minimum(np.minimum(offsets + 1, HOP + FADE - offsets), FADE + 1) / (FADE + 1)).astype(np.float32)
     return (1 - np.abs(offsets) / HOP).astype(np.float32)
 
 

@@ -149,7 +149,7 @@ def euler_from_quat(q: Array, order: str) -> Array:
     sign = 1.0 if (j - i) % 3 == 1 else -1.0
     m = matrix_from_quat(q)
     middle = np.arcsin(np.clip(sign * m[..., i, k], -1, 1))
-    locked = np.abs(m[..., i, k]) > 1 - 1e-7
+    locked = np.abs(m[..., i, k]) >= 1 - np.finfo(m.dtype).eps
     first = np.where(
         locked,
         np.arctan2(sign * m[..., k, j], m[..., j, j]),

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..motion.rotations import Array, matrix_from_quat, quat_from_yaw, rotate, yaw_from_quat
 from ..motion.skeleton import STANDARD_BODY, STANDARD_STATURE
-from .devices import CONTROLLERS, EYE_SHARE, HEAD_JOINT_SHARE, head_offset, held, mounting
+from .devices import CONTROLLERS, DEFAULT_DEVICE, EYE_SHARE, HEAD_JOINT_SHARE, head_offset, held, mounting
 from .gaps import fill
 from .take import HANDS, HEAD, Constant, Take
 
@@ -127,6 +127,11 @@ def _check(take: Take, options: CalibrationOptions) -> None:
         raise InputError(take.name, "the headset is tracked in no sample; a take needs at least the head")
     if options.eye_height is not None and not 0.5 <= options.eye_height <= 2.5:
         raise InputError("--eye-height", f"{options.eye_height:g} is not the eye height of a person in metres; 0.5 to 2.5 would be")
+    if options.floor is not None and not np.isfinite(options.floor):
+        raise InputError("--floor", f"{options.floor:g} is not a height in metres")
+    for name, offset in (("--head-offset", options.head_offset), ("--wrist-offset", options.wrist_offset)):
+        if offset and not np.linalg.norm(offset) < 0.5:
+            raise InputError(name, f"{offset} is not in metres from a device to the joint beside it; under 0.5 would be")
     if options.device is not None and options.device not in CONTROLLERS:
         raise InputError("--device", f"{options.device!r} is not known; {', '.join(CONTROLLERS)} are")
 
@@ -134,7 +139,7 @@ def _check(take: Take, options: CalibrationOptions) -> None:
 def _device(take: Take, options: CalibrationOptions) -> Constant[str]:
     if options.device:
         return Constant(options.device, "given")
-    assumed = Constant("quest2", "assumed", "OpenXR grip poses")
+    assumed = Constant(DEFAULT_DEVICE, "assumed", "OpenXR grip poses")
     return take.report.constants.get("device", assumed) if take.report else assumed
 
 
@@ -178,11 +183,12 @@ def _sizes(take: Take, options: CalibrationOptions) -> dict[str, Constant[float]
     else:
         above = (SEATED_SHARE + HEAD_JOINT_SHARE - EYE_SHARE if options.seated else HEAD_JOINT_SHARE) * stature
         floor = Constant(standing(stature) - above, "measured", f"{seen_at}: the origin is not on the floor")
+    derived = replace(size, why="from the eye height")
     return {
         "floor": floor,
         "eye_height": replace(size, value=eyes(stature)),
-        "head_height": replace(size, value=HEAD_JOINT_SHARE * stature),
-        "stature": size,
+        "head_height": replace(derived, value=HEAD_JOINT_SHARE * stature),
+        "stature": derived,
     }
 
 

@@ -64,6 +64,8 @@ GRIP = Controller(wrist=(0.033, 0.021, 0.059), tilt=np.radians(36.5))
 RAW = Controller(wrist=(0.034, 0.165, 0.036), tilt=np.radians(52.0))
 
 CONTROLLERS = {"quest2": GRIP, "index": RAW, "vive": RAW, "saber": RAW}
+DEFAULT_DEVICE = "quest2"
+"""Assumed where a take does not say."""
 
 
 @dataclass(frozen=True)

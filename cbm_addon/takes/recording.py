@@ -17,6 +17,7 @@ FARTHEST_HAND = 1.5  # metres from the headset: beyond it a controller is no lon
 FASTEST_HAND = 25.0  # metres per second
 RATES = (15.0, 150.0)  # samples per second of the headsets that exist
 GAP = 0.25  # seconds without a sample
+SURE = 0.5  # confidence in measured axes, below which the user is told
 HEADSET_HEIGHT = (0.5, 2.5)  # metres, median, when the origin is on the floor
 
 
@@ -71,21 +72,22 @@ def take_from(recording: Recording, path: Path, overrides: TakeOverrides) -> Tak
     times, tracked = recording.times[rows] - recording.times[rows[0]], tracked[rows]
     positions = np.where(tracked[..., None], recording.positions[rows], np.nan)
     rotations = np.where(tracked[..., None], normalize(recording.rotations[rows]), np.nan)
+    _count_flips(rotations, tracked, defects)
 
-    axes = _axes(recording, positions, rotations, overrides, defects)
-    positions, rotations = to_engine(positions, rotations, axes.value)
     unit = _unit(recording, positions, overrides, path)
     positions = positions * METRES[unit.value]
+    axes = _axes(recording, positions, rotations, overrides, defects)
+    positions, rotations = to_engine(positions, rotations, axes.value)
     swapped = _swap(positions, rotations, overrides, defects)
     if swapped.value:
         order = [0, 2, 1]
         positions, rotations, tracked = positions[:, order], rotations[:, order], tracked[:, order]
 
     out_of_reach = np.linalg.norm(positions - positions[:, [HEAD]], axis=-1) > FARTHEST_HAND
-    defects.note("out_of_reach", out_of_reach.sum(), f"{{count}} hand samples over {FARTHEST_HAND} m from the headset: taken as not tracked")
+    defects.note("out_of_reach", out_of_reach.sum(), f"hand samples over {FARTHEST_HAND} m from the headset, taken as not tracked: {{count}}")
     tracked = tracked & ~out_of_reach
     positions, rotations = (np.where(tracked[..., None], values, np.nan) for values in (positions, rotations))
-    rotations = _without_flips(rotations, tracked, defects)
+    rotations = _continuous(rotations, tracked)
     _notice(times, positions, tracked, defects)
 
     constants = {"axes": axes, "unit": unit, "swap_hands": swapped, **recording.constants}
@@ -106,9 +108,9 @@ def _tracked(recording: Recording, defects: _Defects) -> np.ndarray:
     length = np.linalg.norm(recording.rotations, axis=-1)
     finite = np.isfinite(recording.positions).all(-1) & np.isfinite(length)
     zero = finite & (length < 1e-6)
-    defects.note("zero_quaternion", zero.sum(), "{count} poses whose quaternion is zero: taken as not tracked")
+    defects.note("zero_quaternion", zero.sum(), "poses whose quaternion is zero, taken as not tracked: {count}")
     off = finite & ~zero & (np.abs(length - 1) > 0.05)
-    defects.note("quaternion_length", off.sum(), "{count} quaternions more than 5 % away from unit length: normalised")
+    defects.note("quaternion_length", off.sum(), "quaternions more than 5 % away from unit length, normalised: {count}")
     return finite & ~zero
 
 
@@ -118,39 +120,23 @@ def _usable_rows(times: np.ndarray, head_tracked: np.ndarray, path: Path, defect
         raise InputError(path, "the headset is tracked in no row; a take needs at least the head")
     first, last = np.flatnonzero(head_tracked)[[0, -1]]
     rows = np.arange(first, last + 1)
-    defects.note("no_head_at_ends", len(times) - len(rows), "{count} rows before the first or after the last pose of the head: left out")
+    defects.note("no_head_at_ends", len(times) - len(rows), "rows before the first or after the last pose of the head, left out: {count}")
 
     timed = np.isfinite(times[rows])
-    defects.note("no_time", (~timed).sum(), "{count} rows without a time: left out")
+    defects.note("no_time", (~timed).sum(), "rows without a time, left out: {count}")
     rows = rows[timed]
     latest = np.maximum.accumulate(times[rows])
     backward = times[rows] < latest
     if backward.mean() > 0.5:
         raise InputError(path, f"times run backward in {backward.sum()} of {len(rows)} rows; they must be seconds or milliseconds since the start")
-    defects.note("backward_time", backward.sum(), "{count} rows with a time before that of an earlier row: left out")
+    defects.note("backward_time", backward.sum(), "rows with a time before that of an earlier row, left out: {count}")
     rows = rows[~backward]
     repeated = np.append(np.diff(times[rows]) == 0, False)
-    defects.note("duplicate_time", repeated.sum(), "{count} rows with the time of the next row: left out")
+    defects.note("duplicate_time", repeated.sum(), "rows with the time of the next row, left out: {count}")
     rows = rows[~repeated]
     if len(rows) < 2:
         raise InputError(path, f"has {len(rows)} usable sample; a take needs at least 2")
     return rows
-
-
-def _axes(recording: Recording, positions: Array, rotations: Array, overrides: TakeOverrides, defects: _Defects) -> Constant[str]:
-    measured = measure_axes(positions, rotations) if recording.axes != "engine" else None
-    if overrides.axes:
-        return Constant(overrides.axes, "given")
-    if recording.axes:
-        axes = Constant(recording.axes, "format")
-    else:
-        assert measured is not None
-        axes = measured
-        if (axes.confidence or 0) < 0.3:
-            defects.note("axes_uncertain", len(positions), f"axes are uncertain ({axes.why}): look at the result, or pass --axes")
-    if recording.axes and measured and measured.value != recording.axes and (measured.confidence or 0) > 0.3:
-        defects.note("axes_unlikely", len(positions), f"the format says {recording.axes} axes but {measured.why}: look at the result, or pass --axes")
-    return axes
 
 
 def _unit(recording: Recording, positions: Array, overrides: TakeOverrides, path: Path) -> Constant[str]:
@@ -158,11 +144,26 @@ def _unit(recording: Recording, positions: Array, overrides: TakeOverrides, path
         return Constant(overrides.unit, "given")
     if recording.unit:
         return Constant(recording.unit, "format")
-    unit = measure_unit(positions)
+    unit = measure_unit(positions, up=2 if overrides.axes in ("engine", "unreal") else 1)
     if unit is None:
         distance = np.nanmedian(np.linalg.norm(positions[:, HANDS] - positions[:, [HEAD]], axis=-1))
         raise InputError(path, f"no unit fits a human: the hands are {distance:.4g} from the head; pass --unit m, cm or mm")
     return unit
+
+
+def _axes(recording: Recording, positions: Array, rotations: Array, overrides: TakeOverrides, defects: _Defects) -> Constant[str]:
+    if overrides.axes:
+        return Constant(overrides.axes, "given")
+    if recording.axes == "engine":
+        return Constant("engine", "format")
+    measured = measure_axes(positions, rotations)
+    sure = (measured.confidence or 0) > SURE
+    if recording.axes is None:
+        defects.note("axes_uncertain", len(positions) * (not sure), f"axes are uncertain ({measured.why}): look at the result, or pass --axes")
+        return measured
+    doubt = sure and measured.value != recording.axes
+    defects.note("axes_unlikely", len(positions) * doubt, f"{recording.axes} axes are unlikely; in {measured.value} axes: {measured.why}")
+    return Constant(recording.axes, "format")
 
 
 def _swap(positions: Array, rotations: Array, overrides: TakeOverrides, defects: _Defects) -> Constant[bool]:
@@ -174,15 +175,17 @@ def _swap(positions: Array, rotations: Array, overrides: TakeOverrides, defects:
     return swapped
 
 
-def _without_flips(rotations: Array, tracked: np.ndarray, defects: _Defects) -> Array:
+def _count_flips(rotations: Array, tracked: np.ndarray, defects: _Defects) -> None:
+    seen = [rotations[tracked[:, device], device] for device in range(len(DEVICES))]
+    flips = sum(int(np.sum(np.sum(q[1:] * q[:-1], axis=-1) < 0)) for q in seen)
+    defects.note("sign_flip", flips, "quaternion sign flips, made continuous: {count}")
+
+
+def _continuous(rotations: Array, tracked: np.ndarray) -> Array:
     """Signs chosen along each device's own tracked samples."""
     rotations = rotations.copy()
-    flips = 0
     for device in range(len(DEVICES)):
-        seen = rotations[tracked[:, device], device]
-        flips += int(np.sum(np.sum(seen[1:] * seen[:-1], axis=-1) < 0))
-        rotations[tracked[:, device], device] = continuous(seen)
-    defects.note("sign_flip", flips, "{count} quaternion sign flips: made continuous")
+        rotations[tracked[:, device], device] = continuous(rotations[tracked[:, device], device])
     return rotations
 
 
@@ -191,11 +194,11 @@ def _notice(times: np.ndarray, positions: Array, tracked: np.ndarray, defects: _
     steps = np.diff(times)
     rate = 1 / np.median(steps)
     defects.note("implausible_rate", len(times) * (not RATES[0] <= rate <= RATES[1]), f"{rate:.0f} samples a second are unusual: is the time unit right?")
-    defects.note("gap", (steps > GAP).sum(), f"{{count}} gaps without samples, the longest {steps.max():.2f} s")
+    defects.note("gap", (steps > GAP).sum(), f"gaps without samples: {{count}}, the longest {steps.max():.2f} s")
     for device, name in enumerate(DEVICES):
         defects.note(f"{name}_lost", (~tracked[:, device]).sum(), f"{name} not tracked in {np.mean(~tracked[:, device]):.1%} of samples")
     speed = np.linalg.norm(np.diff(positions, axis=0), axis=-1) / steps[:, None]
-    defects.note("hand_jump", (speed > FASTEST_HAND).sum(), f"{{count}} steps faster than {FASTEST_HAND:.0f} m/s, the fastest {np.nanmax(speed):.0f} m/s")
+    defects.note("hand_jump", (speed > FASTEST_HAND).sum(), f"steps faster than {FASTEST_HAND:.0f} m/s: {{count}}, the fastest {np.nanmax(speed):.0f} m/s")
     height = np.nanmedian(positions[:, HEAD, 2])
     off_floor = not HEADSET_HEIGHT[0] <= height <= HEADSET_HEIGHT[1]
     defects.note("origin_off_floor", len(times) * off_floor, f"median head height {height:.2f} m: the origin is not on the floor")

@@ -122,6 +122,16 @@ def test_on_a_terminal_progress_is_one_line_written_over(command, capsys, monkey
     assert " 75%  solving" in err
 
 
+def test_a_program_that_drives_a_command_reads_json_lines(command, capsys):
+    command(lambda args, console: console.say(console.run(job())) or {})
+    assert cli.main(["probe", "take.csv", "--json-lines"]) == 0
+    out, err = capsys.readouterr()
+    events = [json.loads(line) for line in out.splitlines()]
+    assert events[:-1] == [{"share": step / 4, "message": "solving"} for step in range(4)]
+    assert events[-1] == {"said": "result"}
+    assert err == ""
+
+
 def test_console_closes_a_job_that_is_interrupted(command, capsys):
     closed = []
 

@@ -1,6 +1,54 @@
-"""The installed extension, in a process that knows nothing of the checkout."""
+"""The installed extension, in processes that know nothing of the checkout."""
 
 from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cbm_addon.motion.bvh import write_bvh
+from cbm_addon.motion.motion import Motion
+from cbm_addon.motion.rotations import quat_from_axis_angle
+from cbm_addon.motion.skeleton import STANDARD_BODY
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+BLEND_FACTS = """
+import json
+bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
+armature = next(obj for obj in bpy.data.objects if obj.type == "ARMATURE" and obj.animation_data and obj.animation_data.action)
+first, last = armature.animation_data.action.frame_range
+scene = bpy.context.scene
+print(json.dumps({"frames": last - first + 1, "fps": scene.render.fps / scene.render.fps_base, "keyed": bpy.data.actions[0].name}))
+"""
+
+
+def error_lines(stderr: str) -> list[str]:
+    return [line for line in stderr.splitlines() if line.startswith("error: ")]
+
+
+@pytest.fixture
+def piece(tmp_path) -> Path:
+    """The first three seconds of the shipped sample take."""
+    (sample,) = (REPOSITORY / "cbm_addon" / "takes" / "sample").glob("*.csv")
+    marker, header, *rows = sample.read_text(encoding="utf-8").splitlines()
+    kept = [row for row in rows if float(next(csv.reader([row]))[0]) <= 3]
+    path = tmp_path / "piece.csv"
+    path.write_text("\n".join([marker, header, *kept]) + "\n", encoding="utf-8")
+    return path
+
+
+def a_step() -> Motion:
+    """Half a second at 30 samples a second: the hips move on while the left leg swings."""
+    share = np.linspace(0, 1, 16, dtype=np.float32)
+    rotations = np.zeros((16, len(STANDARD_BODY), 4), dtype=np.float32)
+    rotations[..., 0] = 1
+    rotations[:, STANDARD_BODY.index("LeftUpLeg")] = quat_from_axis_angle(np.array([1, 0, 0], dtype=np.float32), -0.8 * share)
+    root = np.stack([0 * share, -0.6 * share, np.full_like(share, 0.95)], axis=-1)
+    return Motion(STANDARD_BODY, np.arange(16) / 30, root, rotations)
 
 
 def test_it_registers_and_unregisters_without_a_trace(blender):
@@ -19,8 +67,60 @@ def test_onnxruntime_comes_out_of_the_zip(blender):
     assert str(blender.user_resources) in place
 
 
-def test_bad_usage_is_one_line_and_exit_code_2(blender, tmp_path):
-    done = blender.cbm("nonsense", folder=tmp_path)
-    assert done.returncode == 2
-    assert [line for line in done.stderr.splitlines() if line.startswith("error: ")]
-    assert list(tmp_path.iterdir()) == []
+def test_imported_motion_stands_where_the_file_says_whatever_the_scene_rate(blender, tmp_path):
+    motion = a_step()
+    write_bvh(tmp_path / "step.bvh", motion)
+    said = blender.script(
+        """
+import json
+scene = bpy.context.scene
+scene.render.fps, scene.frame_start = 60, 1
+assert bpy.ops.cbm.import_mocap("EXEC_DEFAULT", filepath=sys.argv[1]) == {"FINISHED"}
+armature = bpy.context.active_object
+heads = []
+for sample in range(16):
+    scene.frame_set(1 + 2 * sample)
+    heads.append([list(armature.matrix_world @ armature.pose.bones[name].head) for name in ("Hips", "LeftFoot", "RightHand")])
+print(json.dumps(heads))
+""",
+        tmp_path / "step.bvh",
+    )
+    expected = motion.positions()[:, STANDARD_BODY.indices(["Hips", "LeftFoot", "RightHand"])]
+    np.testing.assert_allclose(json.loads(said.splitlines()[-1]), expected, atol=1e-4)
+
+
+def test_shipped_model_is_found_and_sound(blender, tmp_path):
+    done = blender.cbm("models", "--json", "models.json", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (model,) = json.loads((tmp_path / "models.json").read_text())["models"]
+    assert model["bytes"] > 0
+    assert str(blender.user_resources) in model["folder"]
+
+
+def test_bake_puts_the_sample_take_on_a_rigify_human(blender, piece, tmp_path):
+    argv = ["bake", piece, "--preset", "rigify", "-o", "bake.blend", "--preview", "bake.png", "--json", "bake.json"]
+    done = blender.cbm(*argv, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bake.blend", "bake.json", "bake.png", "piece.csv"]
+    facts = json.loads(blender.script(BLEND_FACTS, tmp_path / "bake.blend").splitlines()[-1])
+    assert facts["frames"] / facts["fps"] == pytest.approx(3, abs=0.1)
+
+
+def test_bad_input_is_one_line_exit_code_2_and_nothing_written(blender, piece, tmp_path):
+    rows = piece.read_text(encoding="utf-8").splitlines()
+    piece.write_text("\n".join([rows[0], rows[1].replace("head_px", "head_x"), *rows[2:]]), encoding="utf-8")
+    (tmp_path / "cut.bvh").write_text("HIERARCHY\nROOT Hips\n{\n  OFFSET 0 0 0\n", encoding="utf-8")
+    before = sorted(tmp_path.iterdir())
+    for argv in (
+        ["nonsense"],
+        ["bake", "absent.csv", "--preset", "rigify", "-o", "out.blend"],
+        ["bake", piece, "--preset", "rigify", "-o", "out.blend"],
+        ["bake", piece, "--preset", "nonsense", "-o", "out.blend"],
+        ["info", "cut.bvh"],
+        ["solve", piece, "-o", "absent/out.bvh"],
+    ):
+        done = blender.cbm(*argv, folder=tmp_path)
+        assert done.returncode == 2, done.stderr
+        assert len(error_lines(done.stderr)) == 1, done.stderr
+        assert "Traceback" not in done.stderr
+        assert sorted(tmp_path.iterdir()) == before
