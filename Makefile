@@ -5,7 +5,7 @@
 # make clean   removes what make made
 
 PYTHON ?= python3.11
-TAKE ?= cbm_addon/takes/sample/sample.csv
+TAKE ?= cbm_addon/takes/sample/walk_turn_crouch.csv
 OUT ?= out
 DATA ?= ../shared/mocap/core
 MODEL ?= runs/model

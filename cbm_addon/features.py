@@ -154,9 +154,7 @@ def control_frames(motion: Motion, head_height: float) -> Frames:
     root = root_frame(skeleton, positions)
     facing = rotate(root.rotation, np.array([0, -1, 0], np.float32))
     joints = skeleton.indices(["Hips", *UPPER_JOINTS])
-    vectors = np.concatenate(
-        (root.origin[:, None], positions[:, skeleton.indices(["Hips"])], facing[:, None], _rotation_axes(rotations[:, joints])), axis=1
-    )
+    vectors = np.concatenate((root.origin[:, None], positions[:, skeleton.indices(["Hips"])], facing[:, None], _rotation_axes(rotations[:, joints])), axis=1)
     return Frames(CONTROL, vectors.astype(np.float32), np.zeros((len(vectors), 0), np.float32))
 
 

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
             assert take.report is not None
             calibration = calibrate(take, options).calibration
             facts, lines = _take_facts(take, take.report, calibration), _take_lines(take, take.report, calibration)
-        console.say(f"{path}")
+        console.say(str(path))
         for line in lines:
             console.say(f"  {line}")
         files.append({"file": path, **facts})
@@ -48,13 +48,15 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
 
 
 def _take_facts(take: Take, report: TakeReport, calibration: Calibration) -> dict[str, Any]:
+    from ..takes.take import DEVICES
+
     return {
         "kind": "take",
         "poses": take.kind,
         "samples": len(take),
         "seconds": take.seconds,
         "rate_hz": take.rate,
-        "tracked": dict(zip(("head", "left", "right"), take.tracked.mean(axis=0), strict=True)),
+        "tracked": dict(zip(DEVICES, take.tracked.mean(axis=0), strict=True)),
         **asdict(report),
         "calibration": calibration.as_dict(),
     }

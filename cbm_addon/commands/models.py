@@ -24,7 +24,9 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
         verify_files(folder, card)
         size = sum(entry["bytes"] for entry in card["files"].values())
         clips = card["training"].get("clips", {}).get("train", "?")
-        console.say(f"{folder}: '{card['name']}' {card.get('version', '')}, modes {', '.join(card['modes'])}, {size / 1e6:.1f} MB, trained on {clips} clips, {card['licence']}")
+        console.say(
+            f"{folder}: '{card['name']}' {card.get('version', '')}, modes {', '.join(card['modes'])}, {size / 1e6:.1f} MB, trained on {clips} clips, {card['licence']}"
+        )
         found.append({"folder": folder, "bytes": size, "card": card})
     if not found:
         console.say("no models found")

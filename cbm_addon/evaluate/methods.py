@@ -23,9 +23,7 @@ OF_A_MODEL = ("ours", "shuffled-codes")
 OF_A_DATABASE = ("motion-matching",)
 
 
-def prepare_methods(
-    names: Iterable[str], modes: Iterable[str], model: Model | None, database: list[Path]
-) -> Generator[Progress, None, dict[str, Method]]:
+def prepare_methods(names: Iterable[str], modes: Iterable[str], model: Model | None, database: list[Path]) -> Generator[Progress, None, dict[str, Method]]:
     """The methods of these names (of METHODS), ready for these modes; `model` for OF_A_MODEL, clips to search for OF_A_DATABASE.
 
     Of the database only clips that train are used. InputError if the model lacks a mode or there is no database.

@@ -45,12 +45,9 @@ def tracks(motion: Motion) -> Tracks:
     return Tracks(body, motion.rate, world[:, joints], local_rotations(body, world[:, joints]), positions[:, joints])
 
 
-def measure(solved: Motion, truth: Motion) -> dict[str, float]:
-    """All metrics of a solved motion against the truth, sampled at the same times; docs/results.md defines them."""
-    return measure_tracks(tracks(solved), tracks(truth))
-
-
-def measure_tracks(ours: Tracks, truth: Tracks) -> dict[str, float]:
+def measure(solved: Motion, clip: Motion) -> dict[str, float]:
+    """All metrics of a solved motion against the clip, which is the truth, sampled at the same times; docs/results.md defines them."""
+    ours, truth = tracks(solved), tracks(clip)
     distance = CM * np.linalg.norm(ours.positions - truth.positions, axis=-1)
     turn = np.degrees(difference(ours.world, truth.world))
 

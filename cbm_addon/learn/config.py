@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from ..errors import InputError
@@ -45,7 +45,12 @@ def read_config(path: Path | None) -> TrainConfig:
         values = tomllib.loads(Path(path).read_text())
     except (OSError, tomllib.TOMLDecodeError) as error:
         raise InputError(path, f"is not a training configuration ({error}); a TOML file is expected") from error
-    known = {field.name for field in fields(TrainConfig)}
-    if unknown := sorted(set(values) - known):
-        raise InputError(path, f"has unknown settings {', '.join(unknown)}; known are {', '.join(sorted(known))}")
-    return TrainConfig(**{key: tuple(value) if isinstance(value, list) else value for key, value in values.items()})
+    defaults = TrainConfig().as_dict()
+    if unknown := sorted(set(values) - set(defaults)):
+        raise InputError(path, f"has unknown settings {', '.join(unknown)}; known are {', '.join(sorted(defaults))}")
+    for key, value in values.items():
+        expected = type(defaults[key])
+        values[key] = tuple(value) if isinstance(value, list) else float(value) if expected is float and isinstance(value, int) else value
+        if not isinstance(values[key], expected):
+            raise InputError(path, f"'{key}' is {value!r}; {expected.__name__} is expected, such as {defaults[key]!r}")
+    return replace(TrainConfig(), **values)

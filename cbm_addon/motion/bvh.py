@@ -252,7 +252,7 @@ def _read_rows(lines: _Lines, channels: int) -> Array:
 def _explain_row(lines: _Lines, texts: list[str], channels: int) -> NoReturn:
     for text in texts:
         try:
-            finite = np.isfinite(np.float32(text))
+            finite = abs(float(text)) <= float(np.finfo(np.float32).max)
         except ValueError:
             finite = False
         if not finite:

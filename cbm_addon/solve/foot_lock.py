@@ -64,14 +64,19 @@ def solve_paths(positions: Array, velocities: Array, locked: np.ndarray, rate: f
     return solved.astype(np.float32)
 
 
-def lock_causally(positions: Array, locked: np.ndarray, halving: float) -> Array:
+def lock_causally(positions: Array, locked: np.ndarray, halving: float, limit: float) -> Array:
     """Paths [T, N, 3] without looking ahead: a locked point stays where the lock began; released, it returns to its path, its distance
-    halving every `halving` frames."""
+    halving every `halving` frames. A lock that is farther than `limit` from its path was wrong and is let go until it has come back.
+    """
     path = positions.copy()
     offset = np.zeros_like(positions[0])
+    broken = np.zeros((positions.shape[1], 1), dtype=bool)
     decay = np.float32(0.5 ** (1 / halving))
     for t in range(1, len(positions)):
-        still = (locked[t] & locked[t - 1])[:, None]
-        offset = np.where(still, path[t - 1] - positions[t], offset * decay)
+        held = path[t - 1] - positions[t]
+        distance = np.linalg.norm(held, axis=-1, keepdims=True)
+        broken = np.where(broken, distance > limit / 4, distance > limit)
+        still = (locked[t] & locked[t - 1])[:, None] & ~broken
+        offset = np.where(still, held, offset * decay)
         path[t] = positions[t] + offset
     return path

@@ -5,6 +5,8 @@ The body may be the engine's or a rig's: everything here uses the body's own bon
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from ..features import LOWER_JOINTS, UPPER_JOINTS
@@ -22,6 +24,7 @@ SHOULDER_LIMIT = np.radians(30)  # how far a shoulder may follow a hand that the
 CHEST_LIMIT = np.radians(60)  # and the chest, where the shoulder is not enough
 REACHING = 20  # steps in which the chest follows
 RELEASE = 0.1  # seconds in which a causal foot lock lets go by half
+LOCK_LIMIT = 0.08  # head heights from its path at which a causal lock gives up
 FORWARD = np.array([0, -1, 0], np.float32)
 
 
@@ -72,7 +75,7 @@ def _chest(body: Skeleton) -> int:
 def _positions(body: Skeleton, world: Array, hips: Array, chain: list[int]) -> Array:
     """World position [T, 3] of the last joint of a chain of joint indices that begins at the hips."""
     position = hips
-    for parent, joint in zip(chain[:-1], chain[1:], strict=True):
+    for parent, joint in pairwise(chain):
         position = position + rotate(world[:, parent], body.offsets[joint])
     return position
 
@@ -94,7 +97,7 @@ def _plant_feet(body: Skeleton, performance: Performance, world: Array, unit: np
     predicted[..., 2] += np.float32(sole)
     locked = contact_states(performance.contacts)
     if performance.causal:
-        paths = lock_causally(predicted, locked, RELEASE * rate)
+        paths = lock_causally(predicted, locked, RELEASE * rate, LOCK_LIMIT * float(unit))
     else:
         locked = without_blips(locked)
         paths = solve_paths(predicted, performance.lower_velocities[:, joints] * unit, locked, rate)
@@ -132,7 +135,8 @@ def _meet_head(body: Skeleton, world: Array, hips: Array, head: Array, rotation:
     """Bends the spine in `world` until the head joint is at `head`; what the spine cannot do the hips do. Returns the hips [T, 3]."""
     chain = body.chain("Hips", "Head")
     bending = chain[1:-1]
-    for joint in bending[bending.index(_chest(body)) + 1 :]:
+    chest = _chest(body)
+    for joint in bending[bending.index(chest) + 1 :]:
         world[:, joint] = slerp(world[:, chest], rotation, 0.5)
     base = hips + rotate(world[:, chain[0]], body.offsets[bending[0]])
     world[:, bending], end = bend_chain(world[:, bending], body.offsets[[*bending[1:], chain[-1]]], base, head)
@@ -195,7 +199,7 @@ def _meet_hand(body: Skeleton, world: Array, hips: Array, side: str, wrist: Arra
 
 def _meet_ankle(body: Skeleton, world: Array, hips: Array, side: str, ankle: Array) -> None:
     """Bends a leg in `world` so that the ankle is at `ankle`; the foot keeps its rotation."""
-    joints = tuple(body.index(f"{side}{name}") for name in ("UpLeg", "Leg", "Foot"))
+    joints = body.index(f"{side}UpLeg"), body.index(f"{side}Leg"), body.index(f"{side}Foot")
     socket = _positions(body, world, hips, body.chain("Hips", f"{side}UpLeg"))
     _bend_limb(body, world, joints, socket, ankle, FORWARD)
 

@@ -125,7 +125,7 @@ def load_model(folder: Path | None = None, threads: int = 0) -> Model:
     try:
         import onnxruntime
     except ImportError as error:
-        raise InputError("onnxruntime", f"cannot be imported ({error}); the extension ships it as a wheel, a checkout needs `pip install onnxruntime`") from error
+        raise InputError("onnxruntime", f"cannot be imported ({error}); the extension ships it, a checkout needs `pip install onnxruntime`") from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.log_severity_level = 3

@@ -151,7 +151,7 @@ def _overlap_weights(networks: ModeNetworks) -> Array:
 
 def _past_weights(networks: ModeNetworks) -> Array:
     """Newer sequences count more; a frame is the mean of what was said of it until then."""
-    return np.exp(-np.arange(len(networks.mode.sequence)) / 3).astype(np.float32)
+    return np.exp(-np.arange(len(networks.mode.sequence)) / 5).astype(np.float32)
 
 
 class Join:
@@ -170,9 +170,7 @@ class Join:
         return (summed / self.total[:, None]).reshape(self.count, *values.shape[2:]).astype(np.float32)
 
 
-def join_performance(
-    times: np.ndarray, join: Join, control: Array, vectors: Array, contacts: Array, head_height: float, causal: bool
-) -> Performance:
+def join_performance(times: np.ndarray, join: Join, control: Array, vectors: Array, contacts: Array, head_height: float, causal: bool) -> Performance:
     """The frames of a take from control vectors [H, S, V, 3], chosen lower-body vectors [H, S, V, 3] and contacts [H, S, 4]."""
     joints = len(LOWER_JOINTS)
     positions = vectors[:, :, :joints]

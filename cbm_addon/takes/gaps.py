@@ -29,22 +29,22 @@ def fill(times: np.ndarray, positions: Array, rotations: Array, tracked: np.ndar
     rotations[:, HEAD] = slerp_samples(times[seen], rotations[seen, HEAD], times)
     head, heading = positions[:, HEAD], quat_from_yaw(yaw_from_quat(rotations[:, HEAD]))
     for hand in HANDS:
+        seen = tracked[:, hand]
         from_head = rotate(inverse(heading), positions[:, hand] - head)
         turned = multiply(inverse(heading), rotations[:, hand])
-        if tracked[:, hand].any():
-            from_head, turned = _held(times, from_head, turned, tracked[:, hand])
+        if seen.any():
+            from_head, turned = _held(times, from_head, turned, seen)
         else:
             side = 1 if hand == LEFT else -1
             from_head[:] = np.array(HANGING_WRIST) * [side, 1, 1] * stature
             turned[:] = np.array(HANGING_ROTATION) * [1, 1, side, 1]
-        bridged = _bridged(times, tracked[:, hand])
-        filled = ~tracked[:, hand] & ~bridged
-        seen = tracked[:, hand]
+        bridged = _bridged(times, seen)
+        carried = ~seen & ~bridged
         if bridged.any():
             positions[bridged, hand] = lerp_samples(times[seen], positions[seen, hand], times[bridged])
             rotations[bridged, hand] = slerp_samples(times[seen], rotations[seen, hand], times[bridged])
-        positions[filled, hand] = (head + rotate(heading, from_head))[filled]
-        rotations[filled, hand] = multiply(heading, turned)[filled]
+        positions[carried, hand] = (head + rotate(heading, from_head))[carried]
+        rotations[carried, hand] = multiply(heading, turned)[carried]
     return positions, continuous(rotations)
 
 

@@ -127,15 +127,16 @@ def _usable_rows(times: np.ndarray, head_tracked: np.ndarray, path: Path, defect
     rows = rows[timed]
     latest = np.maximum.accumulate(times[rows])
     backward = times[rows] < latest
-    if backward.mean() > 0.5:
+    if backward.sum() > len(rows) / 2:
         raise InputError(path, f"times run backward in {backward.sum()} of {len(rows)} rows; they must be seconds or milliseconds since the start")
     defects.note("backward_time", backward.sum(), "rows with a time before that of an earlier row, left out: {count}")
     rows = rows[~backward]
-    repeated = np.append(np.diff(times[rows]) == 0, False)
+    repeated = np.zeros(len(rows), dtype=bool)
+    repeated[:-1] = np.diff(times[rows]) == 0
     defects.note("duplicate_time", repeated.sum(), "rows with the time of the next row, left out: {count}")
     rows = rows[~repeated]
     if len(rows) < 2:
-        raise InputError(path, f"has {len(rows)} usable sample; a take needs at least 2")
+        raise InputError(path, f"has {len(rows)} usable samples; a take needs at least 2")
     return rows
 
 
@@ -198,7 +199,8 @@ def _notice(times: np.ndarray, positions: Array, tracked: np.ndarray, defects: _
     for device, name in enumerate(DEVICES):
         defects.note(f"{name}_lost", (~tracked[:, device]).sum(), f"{name} not tracked in {np.mean(~tracked[:, device]):.1%} of samples")
     speed = np.linalg.norm(np.diff(positions, axis=0), axis=-1) / steps[:, None]
-    defects.note("hand_jump", (speed > FASTEST_HAND).sum(), f"steps faster than {FASTEST_HAND:.0f} m/s: {{count}}, the fastest {np.nanmax(speed):.0f} m/s")
+    fastest = np.nanmax(speed, initial=0)
+    defects.note("hand_jump", (speed > FASTEST_HAND).sum(), f"steps faster than {FASTEST_HAND:.0f} m/s: {{count}}, the fastest {fastest:.0f} m/s")
     height = np.nanmedian(positions[:, HEAD, 2])
     off_floor = not HEADSET_HEIGHT[0] <= height <= HEADSET_HEIGHT[1]
     defects.note("origin_off_floor", len(times) * off_floor, f"median head height {height:.2f} m: the origin is not on the floor")

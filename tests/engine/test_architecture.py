@@ -91,9 +91,7 @@ def test_rooms_know_only_the_rooms_before_them():
 
 def test_engine_knows_nothing_above_itself():
     wrong = [
-        str(statement)
-        for statement in IMPORTS
-        if statement.file in ENGINE_FILES and not statement.absolute and not statement.target.startswith("cbm_addon.")
+        str(statement) for statement in IMPORTS if statement.file in ENGINE_FILES and not statement.absolute and not statement.target.startswith("cbm_addon.")
     ]
     assert wrong == []
 
@@ -111,11 +109,7 @@ def test_operators_do_not_know_panels():
 
 @pytest.mark.parametrize("library", LIBRARIES_KNOWN)
 def test_heavy_libraries_stay_in_their_rooms(library):
-    wrong = [
-        str(statement)
-        for statement in IMPORTS
-        if statement.target.split(".")[0] == library and room_of(statement.file) not in LIBRARIES_KNOWN[library]
-    ]
+    wrong = [str(statement) for statement in IMPORTS if statement.target.split(".")[0] == library and room_of(statement.file) not in LIBRARIES_KNOWN[library]]
     assert wrong == []
 
 

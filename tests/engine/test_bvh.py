@@ -17,7 +17,7 @@ from cbm_addon.errors import InputError
 from cbm_addon.motion.bvh import AXES, read_bvh, read_bvh_file, write_bvh
 from cbm_addon.motion.motion import Motion
 from cbm_addon.motion.rotations import difference, normalize, quat_from_rotvec, rotate
-from cbm_addon.motion.skeleton import STANDARD_BODY, Skeleton
+from cbm_addon.motion.skeleton import STANDARD_BODY
 
 WALKER = """\
 HIERARCHY
@@ -138,9 +138,11 @@ def test_a_rotation_about_the_vertical_axis_of_the_file_is_one_about_z(file):
 
 @pytest.mark.parametrize(
     ("written", "rate"),
-    [("0.0333333", 30), ("0.033333", 30), (".0083333", 120), ("0.00833333", 120), ("0.016667", 60), ("3.33333e-002", 30), ("0.0416667", 24)]
-    + [("0.04", 25), ("0.01", 100), ("0.033367", 30 / 1.001), ("0.0417083", 24 / 1.001), ("0.025", 40), ("0.0123", 1 / 0.0123)],
-)
+    [
+        ("0.0333333", 30), ("0.033333", 30), ("3.33333e-002", 30), ("0.033367", 30 / 1.001), (".0083333", 120), ("0.00833333", 120),
+        ("0.016667", 60), ("0.0416667", 24), ("0.0417083", 24 / 1.001), ("0.04", 25), ("0.025", 40), ("0.01", 100), ("0.0123", 1 / 0.0123),
+    ],
+)  # fmt: skip
 def test_a_rounded_frame_time_stands_for_the_usual_rate(file, written, rate):
     motion = read_bvh(file(WALKER.replace("0.0333333", written)))
     assert np.allclose(np.diff(motion.times), 1 / rate, rtol=1e-12)

@@ -54,11 +54,19 @@ def test_the_solution_is_the_least_squares_optimum() -> None:
 
 def test_a_causal_lock_uses_no_later_frame() -> None:
     positions, _, contact = walk()
-    whole = lock_causally(positions, contact, 3.0)
+    whole = lock_causally(positions, contact, 3.0, 0.1)
     for end in (20, 47, 61):
-        np.testing.assert_array_equal(lock_causally(positions[:end], contact[:end], 3.0), whole[:end])
+        np.testing.assert_array_equal(lock_causally(positions[:end], contact[:end], 3.0, 0.1), whole[:end])
     still = (contact[1:] & contact[:-1])[:, 0]
     assert np.abs(np.diff(whole[:, 0], axis=0)[still]).max() < 1e-6
+
+
+def test_a_causal_lock_that_is_far_from_its_path_gives_up() -> None:
+    positions = np.zeros((60, 1, 3), np.float32)
+    positions[:, 0, 0] = np.linspace(0, 0.6, 60)
+    path = lock_causally(positions, np.ones((60, 1), bool), 3.0, 0.08)
+    assert np.abs(path - positions).max() < 0.1
+    assert np.count_nonzero(np.abs(np.diff(path[:, 0, 0])) < 1e-6) > 20, "it still holds between"
 
 
 def test_contacts_have_hysteresis_and_no_blips() -> None:

@@ -26,7 +26,7 @@ def poses():
 
 def lose(poses, device, start, end):
     positions, rotations, tracked = (array.copy() for array in poses)
-    gone = (TIMES >= start) & (TIMES < end)
+    gone = slice(round(start * RATE), round(end * RATE))
     positions[gone, device], rotations[gone, device], tracked[gone, device] = np.nan, np.nan, False
     return positions, rotations, tracked
 

@@ -85,6 +85,7 @@ def test_windows_line_ends_byte_order_mark_and_column_order_do_not_matter(path):
         (f"# cbm-take 1 poses=joint\n{HEADER}\n0,{POSE}\n1,{POSE[:-4]}\n", "line 4 has 20 fields, the header has 22"),
         (f"# cbm-take 1 poses=joint\n{HEADER}\n0,{POSE}\n1,{POSE[:-1]}x\n", "line 4: column 'right_qz' is not a number"),
         (f"# cbm-take 1 poses=joint\n{HEADER}\n0,{POSE}\n", "at least 2"),
+        (f"# cbm-take 1 poses=joint\n{HEADER}\n0,{'9' * 200_000}\n", "line 3 is not CSV"),
     ],
 )
 def test_bad_files_are_refused(path, text, message):

@@ -120,6 +120,17 @@ def test_repeated_and_backward_times_are_left_out():
     assert defects(take) == {"duplicate_time": 1, "backward_time": 1}
 
 
+def test_rows_without_a_time_are_left_out():
+    recording = recorded()
+    times = recording.times.copy()
+    times[100:103] = np.nan
+    take = read(replace(recording, times=times))
+    assert len(take) == len(SAMPLE) - 3
+    assert defects(take) == {"no_time": 3}
+    with pytest.raises(InputError, match="0 usable samples"):
+        read(replace(recording, times=times * np.nan))
+
+
 def test_times_that_mostly_run_backward_are_refused():
     recording = recorded()
     with pytest.raises(InputError, match="run backward"):

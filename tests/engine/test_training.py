@@ -150,7 +150,8 @@ def test_clips_outside_the_split_file_are_divided_the_same_way_everywhere() -> N
     assert 850 < shares.count("train") < 950
 
 
-def test_a_configuration_with_an_unknown_setting_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "config.toml").write_text("chanels = 3\n")
-    with pytest.raises(InputError, match="chanels"):
-        read_config(tmp_path / "config.toml")
+def test_a_configuration_that_cannot_be_meant_is_refused(tmp_path: Path) -> None:
+    for text, said in (("chanels = 3", "chanels"), ("hidden = 'many'", "hidden"), ("epochs =", "not a training configuration")):
+        (tmp_path / "config.toml").write_text(text)
+        with pytest.raises(InputError, match=said):
+            read_config(tmp_path / "config.toml")

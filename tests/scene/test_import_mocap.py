@@ -1,0 +1,438 @@
+"""`bpy.ops.cbm.import_mocap`: files become actions in real time, and nothing else in the file changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from cbm_addon.motion.bvh import read_bvh, write_bvh
+from cbm_addon.motion.motion import Motion
+from cbm_addon.motion.resample import resample
+from cbm_addon.motion.rotations import quat_from_rotvec, quat_from_yaw, rotate
+from cbm_addon.motion.skeleton import STANDARD_BODY, Skeleton
+from cbm_addon.scene.action import action_curves, key_frames
+from cbm_addon.scene.armature import motion_from_armature, new_armature, pose_channels
+
+pytestmark = pytest.mark.usefixtures("extension")
+
+FBX_AND_GLTF = ["fbx", "glb"]
+
+
+def dance(frames: int = 30, rate: float = 30, skeleton: Skeleton = STANDARD_BODY) -> Motion:
+    """Every joint swings about all its axes while the body walks a circle."""
+    times = np.arange(frames) / rate
+    random = np.random.default_rng(1)
+    speeds, phases = random.uniform(2, 6, (len(skeleton), 3)), random.uniform(0, 6, (len(skeleton), 3))
+    swing = 0.3 * np.sin(times[:, None, None] * speeds + phases)
+    root = np.stack((np.cos(times), np.sin(times), 0.9 + 0.05 * np.sin(3 * times)), axis=-1)
+    return Motion(skeleton, times, root.astype(np.float32), quat_from_rotvec(swing).astype(np.float32))
+
+
+@pytest.fixture
+def bvh(tmp_path: Path) -> Callable[..., Path]:
+    def write(motion: Motion, name: str = "dance") -> Path:
+        path = tmp_path / f"{name}.bvh"
+        write_bvh(path, motion)
+        return path
+
+    return write
+
+
+def heads(armature: bpy.types.Object, frame: int, names: tuple[str, ...]) -> np.ndarray:
+    """World positions [J, 3] of bones, as Blender evaluates them."""
+    bpy.context.scene.frame_set(frame)
+    posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    return np.array([posed.matrix_world @ posed.pose.bones[name].head for name in names])
+
+
+def assert_follows(armature: bpy.types.Object, motion: Motion, frame_start: int = 1, within: float = 1e-3) -> None:
+    """At each whole frame of the motion's span every bone is where its joint is then."""
+    scene = bpy.context.scene
+    rate = scene.render.fps / scene.render.fps_base
+    last = int(np.floor(motion.seconds * rate + 1e-6))
+    frames = sorted({0, 1, last // 2, last})
+    expected = resample(motion, np.array(frames) / rate).positions()
+    for frame, positions in zip(frames, expected, strict=True):
+        assert np.abs(heads(armature, frame_start + frame, motion.skeleton.names) - positions).max() < within
+
+
+def blocks() -> set[int]:
+    return {block.session_uid for block in bpy.data.user_map()}
+
+
+def added_since(before: set[int]) -> list[str]:
+    return sorted(type(block).__name__ for block in bpy.data.user_map() if block.session_uid not in before)
+
+
+# A new armature
+
+
+def test_a_file_becomes_an_armature_that_does_the_motion(bvh):
+    motion = dance()
+    bpy.context.scene.render.fps = 30
+    assert bpy.ops.cbm.import_mocap(filepath=str(bvh(motion))) == {"FINISHED"}
+    armature = bpy.context.object
+    assert (armature.type, armature.name, armature.animation_data.action.name) == ("ARMATURE", "dance", "dance")
+    assert_follows(armature, motion)
+
+
+def test_bones_lie_along_the_rest_pose(bvh):
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(dance())))
+    bones = bpy.context.object.data.bones
+    rest = STANDARD_BODY.rest_positions()
+    for name, parent, position in zip(STANDARD_BODY.names, STANDARD_BODY.parents, rest, strict=True):
+        assert np.allclose(bones[name].head_local, position, atol=1e-5)
+        assert (bones[name].parent.name if bones[name].parent else None) == (STANDARD_BODY.names[parent] if parent >= 0 else None)
+        assert bones[name].length > 0.01
+    assert np.allclose(bones["LeftForeArm"].tail_local, bones["LeftHand"].head_local, atol=1e-5)
+    assert np.allclose(bones["LeftLeg"].z_axis, [0, -1, 0], atol=0.05)  # to the front, so that knees bend about X
+
+
+def test_joints_at_the_place_of_their_parent_get_bones_too(bvh):
+    """Blender deletes bones of no length."""
+    offsets = STANDARD_BODY.offsets.copy()
+    offsets[[1, 5, 9]] = 0
+    body = replace(STANDARD_BODY, offsets=offsets, tips=np.full_like(offsets, np.nan))
+    motion = dance(skeleton=body)
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(motion)))
+    assert [bone.name for bone in bpy.context.object.data.bones if bone.length < 0.005] == []
+    assert_follows(bpy.context.object, motion)
+
+
+def test_joints_that_move_in_their_parent_move_their_bones(bvh):
+    motion = dance()
+    offsets = np.repeat(STANDARD_BODY.offsets[None], len(motion), axis=0)
+    offsets[:, 2] += np.linspace(0, 0.1, len(motion), dtype=np.float32)[:, None]
+    motion = replace(motion, offsets=offsets)
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(motion)))
+    armature = bpy.context.object
+    assert_follows(armature, motion)
+    assert {curve.data_path for curve in action_curves(armature) if "location" in curve.data_path} == {
+        'pose.bones["Hips"].location',
+        'pose.bones["Spine1"].location',
+    }
+
+
+@pytest.mark.parametrize(("rate", "fps", "base"), [(60, 24, 1.0), (30, 60, 1.0), (120, 30, 1.001), (30, 25, 1.0)])
+def test_a_second_of_the_file_is_a_second_of_the_scene(bvh, rate, fps, base):
+    scene = bpy.context.scene
+    scene.render.fps, scene.render.fps_base = fps, base
+    motion = dance(2 * rate, rate)
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(motion)))
+    frames = key_frames(bpy.context.object)
+    assert np.array_equal(frames, np.arange(1, len(frames) + 1))  # whole frames
+    assert abs((len(frames) - 1) * base / fps - motion.seconds) < 1 / fps
+    assert_follows(bpy.context.object, motion, within=5e-3)  # swings are cut a little between samples of 30 per second
+
+
+def test_the_motion_starts_at_the_scenes_start_or_where_it_is_told_to(bvh):
+    path = str(bvh(dance()))
+    bpy.context.scene.frame_start = 11
+    bpy.ops.cbm.import_mocap(filepath=path)
+    assert key_frames(bpy.context.object)[0] == 11
+    bpy.ops.cbm.import_mocap(filepath=path, frame_start=-5)
+    assert key_frames(bpy.context.object)[0] == -5
+
+
+def test_several_files_become_several_armatures(bvh, tmp_path):
+    bvh(dance(), "walk")
+    bvh(dance(40), "run")
+    bpy.ops.cbm.import_mocap(directory=str(tmp_path), files=[{"name": "walk.bvh"}, {"name": "run.bvh"}])
+    assert {obj.name: obj.animation_data.action.name for obj in bpy.data.objects} == {"walk": "walk", "run": "run"}
+
+
+def test_blenders_own_importer_agrees(bvh):
+    motion = dance()
+    path = str(bvh(motion))
+    bpy.context.scene.render.fps = 30
+    bpy.ops.cbm.import_mocap(filepath=path)
+    ours = bpy.context.object
+    bpy.ops.preferences.addon_enable(module="io_anim_bvh")
+    bpy.ops.import_anim.bvh(filepath=path, global_scale=0.01, axis_forward="-Z", axis_up="Y")
+    theirs = bpy.context.object
+    for frame in (1, 2, 17, 30):
+        assert np.abs(heads(ours, frame, STANDARD_BODY.names) - heads(theirs, frame, STANDARD_BODY.names)).max() < 1e-4
+
+
+def test_import_works_while_another_object_is_posed(bvh):
+    posed = new_armature(bpy.context, "Other", STANDARD_BODY)
+    bpy.ops.object.mode_set(mode="POSE")
+    motion = dance()
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(motion)))
+    assert bpy.context.object != posed
+    assert_follows(bpy.context.object, motion)
+
+
+# What must not change
+
+
+def test_only_the_armature_and_its_action_are_added_and_the_scene_stays_as_it_was(bvh):
+    scene = bpy.context.scene
+    scene.render.fps, scene.frame_start, scene.frame_end = 25, 3, 77
+    scene.frame_set(42)
+    before = blocks()
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(dance())))
+    assert added_since(before) == ["Action", "Armature", "Object"]
+    assert (scene.render.fps, scene.frame_start, scene.frame_end, scene.frame_current) == (25, 3, 77, 42)
+
+
+def test_the_action_that_was_on_the_armature_is_kept(bvh):
+    motion = dance()
+    path = str(bvh(motion))
+    bpy.ops.cbm.import_mocap(filepath=path)
+    armature = bpy.context.object
+    first = armature.animation_data.action
+    keys = [tuple(point.co for point in curve.keyframe_points) for curve in action_curves(armature)]
+    bpy.ops.cbm.import_mocap(filepath=path, armature=armature.name, frame_start=100)
+    assert armature.animation_data.action != first
+    armature.animation_data.action = first
+    if hasattr(first, "slots"):
+        armature.animation_data.action_slot = first.slots[0]
+    assert [tuple(point.co for point in curve.keyframe_points) for curve in action_curves(armature)] == keys
+
+
+@pytest.mark.parametrize("name", ["missing.bvh", "broken.bvh", "notes.txt", "broken.fbx", "broken.glb"])
+def test_what_cannot_be_read_is_one_error_and_leaves_nothing(bvh, tmp_path, name):
+    text = bvh(dance(), "broken").read_text()
+    for suffix in ("bvh", "fbx", "glb"):
+        (tmp_path / f"broken.{suffix}").write_text(text[: len(text) // 2] + "cut")
+    (tmp_path / "notes.txt").write_text("notes")
+    bvh(dance(), "sound")
+    before, scene = blocks(), bpy.context.scene
+    with pytest.raises(RuntimeError, match=name) as error:
+        bpy.ops.cbm.import_mocap(directory=str(tmp_path), files=[{"name": "sound.bvh"}, {"name": name}])
+    assert len(str(error.value).strip().splitlines()) == 1
+    assert added_since(before) == []
+    assert bpy.context.window.scene == scene
+
+
+# An existing armature
+
+
+def test_bones_with_a_namespace_on_a_turned_and_scaled_armature_follow_in_the_world(bvh):
+    """As game engines' skeletons come: centimetres, Y up, "mixamorig:Hips"; the object turns and scales them to stand upright in metres."""
+    to_y_up = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], dtype=np.float32)
+    armature = new_armature(bpy.context, "Character", replace(STANDARD_BODY, offsets=100 * STANDARD_BODY.offsets @ to_y_up.T))
+    for bone in armature.data.bones:
+        bone.name = f"mixamorig:{bone.name}"
+    armature.scale = (0.01, 0.01, 0.01)
+    armature.rotation_euler.x = np.pi / 2
+    bpy.context.view_layer.update()
+    motion = dance()
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(motion)), use_new_armature=False)
+    names = replace(STANDARD_BODY, names=tuple(f"mixamorig:{name}" for name in STANDARD_BODY.names))
+    assert_follows(armature, replace(motion, skeleton=names))
+    assert len(bpy.data.objects) == 1
+
+
+def test_a_taller_armature_takes_longer_steps(bvh):
+    armature = new_armature(bpy.context, "Tall", STANDARD_BODY.scaled(1.2))
+    motion = dance()
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(motion)), armature="Tall")
+    assert_follows(armature, replace(motion, skeleton=STANDARD_BODY.scaled(1.2), root=motion.root * np.float32(1.2)))
+
+
+def test_an_a_pose_armature_takes_the_poses_of_a_t_pose_file(bvh):
+    """Arms that hang 45 degrees at rest lie where the file's arms lie, from their first frame on."""
+    angles = {"Left": np.pi / 4, "Right": -np.pi / 4}
+    offsets, tips = STANDARD_BODY.offsets.copy(), STANDARD_BODY.tips.copy()
+    for side, angle in angles.items():
+        lower = quat_from_rotvec(np.array([0, angle, 0], dtype=np.float32))
+        below = STANDARD_BODY.indices([f"{side}ForeArm", f"{side}Hand"])
+        offsets[below] = rotate(lower, offsets[below])
+        tips[STANDARD_BODY.index(f"{side}Hand")] = rotate(lower, tips[STANDARD_BODY.index(f"{side}Hand")])
+    armature = new_armature(bpy.context, "A-pose", replace(STANDARD_BODY, offsets=offsets, tips=tips))
+    motion = dance()
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(motion)), armature="A-pose")
+    assert_follows(armature, motion)
+
+
+def test_bones_between_those_that_follow_stay_at_rest(bvh):
+    """An armature with a root bone above, one vertebra less, and a sword: nothing but the bones of that name is keyed."""
+    armature = new_armature(bpy.context, "Knight", STANDARD_BODY)
+    bpy.ops.object.mode_set(mode="EDIT")
+    edit = armature.data.edit_bones
+    root, sword = edit.new("Root"), edit.new("Sword")
+    root.tail, sword.head, sword.tail = (0, 0.3, 0), edit["LeftHand"].tail, (2, 0, 0.5)
+    edit["Hips"].parent, sword.parent = root, edit["LeftHand"]
+    edit["Spine2"].name = "Vertebra"
+    bpy.ops.object.mode_set(mode="OBJECT")
+    still = dance()
+    still.rotations[:, STANDARD_BODY.index("Spine2")] = 1, 0, 0, 0
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(still)), armature="Knight")
+    keyed = {curve.data_path.split('"')[1] for curve in action_curves(armature)}
+    assert keyed == set(STANDARD_BODY.names) - {"Spine2"}
+    without = tuple(name for name in STANDARD_BODY.names if name != "Spine2")
+    for frame in (1, 10, 20):
+        assert np.abs(heads(armature, frame, without) - still.positions()[round((frame - 1) / 24 * 30), STANDARD_BODY.indices(without)]).max() < 0.05
+
+
+@pytest.mark.parametrize("mode", ["XYZ", "ZXY", "AXIS_ANGLE"])
+def test_bones_keep_their_rotation_mode(bvh, mode):
+    armature = new_armature(bpy.context, "Rig", STANDARD_BODY)
+    for bone in armature.pose.bones:
+        bone.rotation_mode = mode
+    motion = dance()
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(motion)), armature="Rig")
+    assert {bone.rotation_mode for bone in armature.pose.bones} == {mode}
+    assert_follows(armature, motion)
+
+
+def test_bones_that_do_not_inherit_rotation_follow_too(bvh):
+    armature = new_armature(bpy.context, "Rig", STANDARD_BODY)
+    armature.data.bones["Head"].use_inherit_rotation = False
+    motion = dance()
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(motion)), armature="Rig")
+    assert_follows(armature, motion)
+    free = motion_from_armature(armature, np.array([9.0]))
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(motion)))
+    bound = motion_from_armature(bpy.context.object, np.array([9.0]))
+    assert np.allclose(np.abs(free.forward()[0]), np.abs(bound.forward()[0]), atol=1e-3)
+
+
+def strangers(armature: bpy.types.Object) -> str:
+    for i, bone in enumerate(armature.data.bones):
+        bone.name = f"Part {i}"
+    return "no bone has the name of a joint"
+
+
+def headless_root(armature: bpy.types.Object) -> str:
+    armature.data.bones["Hips"].name = "Pelvis"
+    return "Hips"
+
+
+def mirrored(armature: bpy.types.Object) -> str:
+    armature.scale.x = -1
+    return "mirrored"
+
+
+def edited(armature: bpy.types.Object) -> str:
+    bpy.ops.object.mode_set(mode="EDIT")
+    return "leave edit mode"
+
+
+@pytest.mark.parametrize("spoil", [strangers, headless_root, mirrored, edited])
+def test_an_armature_that_does_not_fit_is_refused_in_one_line(bvh, spoil):
+    armature = new_armature(bpy.context, "Rig", STANDARD_BODY)
+    reason = spoil(armature)
+    before = blocks()
+    with pytest.raises(RuntimeError, match="Rig: .*" + reason) as error:
+        bpy.ops.cbm.import_mocap(filepath=str(bvh(dance())), armature="Rig")
+    assert len(str(error.value).strip().splitlines()) == 1
+    assert added_since(before) == []
+    assert armature.animation_data is None
+
+
+@pytest.mark.parametrize("target", [{"armature": "Nobody"}, {"use_new_armature": False}])
+def test_a_target_that_is_not_there_is_an_error(bvh, target):
+    with pytest.raises(RuntimeError, match="armature"):
+        bpy.ops.cbm.import_mocap(filepath=str(bvh(dance())), **target)
+
+
+# Armatures as motions
+
+
+def test_an_armature_gives_back_the_motion_that_was_put_on_it(bvh):
+    motion = dance()
+    bpy.context.scene.render.fps = 30
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(motion)))
+    bpy.context.scene.frame_set(12)
+    found = motion_from_armature(bpy.context.object, np.arange(1, 31))
+    assert bpy.context.scene.frame_current == 12
+    assert found.skeleton.names == motion.skeleton.names
+    assert np.allclose(found.skeleton.rest_positions(), STANDARD_BODY.rest_positions(), atol=1e-5)
+    assert np.allclose(found.times, motion.times)
+    assert found.offsets is None
+    assert np.allclose(found.positions(), motion.positions(), atol=1e-4)
+
+
+def test_motion_of_the_object_counts_as_motion(bvh):
+    motion = dance()
+    bpy.context.scene.render.fps = 30
+    armature = new_armature(bpy.context, "Rig", STANDARD_BODY)
+    for frame, place in ((1, 0.0), (11, 5.0)):
+        armature.location.x = place
+        armature.keyframe_insert("location", frame=frame)
+    found = motion_from_armature(armature, np.array([1.0, 11.0]))
+    assert np.allclose(found.root[1] - found.root[0], [5, 0, 0], atol=1e-5)
+    assert len(motion) == 30
+
+
+# FBX and glTF
+
+
+def exported(tmp_path: Path, motion: Motion, suffix: str) -> Path:
+    """The motion as Blender itself writes it, from a scene that is empty again afterwards."""
+    path = tmp_path / f"clip.{suffix}"
+    armature = new_armature(bpy.context, "Actor", motion.skeleton)
+    before = {*bpy.data.actions, *bpy.data.objects}
+    from cbm_addon.scene.action import scene_frames, write_action
+
+    write_action(armature, "Take", scene_frames(bpy.context.scene, motion.times, 1), pose_channels(armature, motion), fake_user=False)
+    bpy.context.scene.frame_end = len(motion)
+    if suffix == "fbx":
+        bpy.ops.export_scene.fbx(filepath=str(path), add_leaf_bones=False, bake_anim_simplify_factor=0)
+    else:
+        bpy.ops.export_scene.gltf(filepath=str(path))
+    bpy.data.batch_remove([armature.animation_data.action, armature.data, armature])
+    assert before
+    return path
+
+
+@pytest.mark.parametrize("suffix", FBX_AND_GLTF)
+def test_what_blender_exports_comes_back_in_real_time(tmp_path, suffix):
+    scene = bpy.context.scene
+    scene.render.fps = 30
+    motion = dance()
+    path = exported(tmp_path, motion, suffix)
+    scene.render.fps, scene.frame_start, scene.frame_end = 60, 1, 99
+    before = blocks()
+    assert bpy.ops.cbm.import_mocap(filepath=str(path)) == {"FINISHED"}
+    assert added_since(before) == ["Action", "Armature", "Object"]
+    assert (scene.render.fps, scene.frame_start, scene.frame_end, bpy.context.window.scene) == (60, 1, 99, scene)
+    armature = bpy.context.object
+    assert len(key_frames(armature)) == 59  # 29 / 30 s at 60 per second
+    assert_follows(armature, motion, within=5e-3)
+
+
+@pytest.mark.parametrize("suffix", FBX_AND_GLTF)
+def test_a_file_with_nothing_animated_is_refused(tmp_path, suffix):
+    path = tmp_path / f"still.{suffix}"
+    armature = new_armature(bpy.context, "Actor", STANDARD_BODY)
+    bpy.ops.export_scene.fbx(filepath=str(path), bake_anim=False) if suffix == "fbx" else bpy.ops.export_scene.gltf(filepath=str(path))
+    bpy.data.batch_remove([armature.data, armature])
+    before = blocks()
+    with pytest.raises(RuntimeError, match="no animated armature"):
+        bpy.ops.cbm.import_mocap(filepath=str(path))
+    assert added_since(before) == []
+
+
+# Real files
+
+
+@pytest.mark.needs_data
+def test_every_real_file_becomes_an_armature_that_does_its_motion(data_folder):
+    for path in sorted((data_folder / "mocap" / "import_tests").glob("*.bvh")):
+        motion = read_bvh(path)
+        bpy.context.scene.render.fps = max(1, round(motion.rate))
+        bpy.ops.cbm.import_mocap(filepath=str(path))
+        assert_follows(bpy.context.object, motion)
+
+
+def test_turning_the_whole_armature_does_not_turn_the_motion(bvh):
+    """The motion's place is the world's, whatever the object's."""
+    armature = new_armature(bpy.context, "Rig", STANDARD_BODY)
+    armature.rotation_mode = "QUATERNION"
+    armature.rotation_quaternion = quat_from_yaw(np.array(1.0))
+    armature.location = (4, 5, 0)
+    bpy.context.view_layer.update()
+    turned = Skeleton(STANDARD_BODY.names, STANDARD_BODY.parents, STANDARD_BODY.offsets, STANDARD_BODY.tips)
+    motion = dance(skeleton=turned)
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(motion)), armature="Rig")
+    bpy.context.scene.frame_set(1)
+    assert np.allclose(heads(armature, 1, ("Hips",)), motion.root[:1], atol=1e-3)
