@@ -8,9 +8,25 @@ cli_commands: list[object] = []
 
 def classes() -> tuple[type, ...]:
     """Every Blender class of the extension, in the order in which they are registered."""
+    from .operators.bake_take import CBM_OT_bake_take
+    from .operators.calibrate_take import CBM_OT_calibrate_take
     from .operators.import_mocap import CBM_OT_import_mocap
+    from .operators.import_take import CBM_OT_import_take
+    from .operators.load_model import CBM_OT_load_model
+    from .operators.properties import CBM_PG_settings
+    from .operators.train_model import CBM_OT_train_model
+    from .panels.sidebar import CBM_PT_sidebar
 
-    return (CBM_OT_import_mocap,)
+    return (
+        CBM_PG_settings,
+        CBM_OT_import_mocap,
+        CBM_OT_import_take,
+        CBM_OT_calibrate_take,
+        CBM_OT_load_model,
+        CBM_OT_train_model,
+        CBM_OT_bake_take,
+        CBM_PT_sidebar,
+    )
 
 
 def register() -> None:
@@ -19,12 +35,15 @@ def register() -> None:
     for cls in classes():
         bpy.utils.register_class(cls)
         registered.append(cls)
+    bpy.types.Scene.cbm = bpy.props.PointerProperty(type=registered[0])
     cli_commands.append(bpy.utils.register_cli_command("cbm", run_command))
 
 
 def unregister() -> None:
     import bpy
 
+    if hasattr(bpy.types.Scene, "cbm"):
+        del bpy.types.Scene.cbm
     while cli_commands:
         bpy.utils.unregister_cli_command(cli_commands.pop())
     while registered:

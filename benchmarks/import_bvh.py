@@ -1,9 +1,12 @@
 """CBM's BVH import beside Blender's own, on the same files of 10,000 frames: `python benchmarks/import_bvh.py` in an environment with bpy (Linux).
 
-Every import runs in a fresh process, and the importers take turns. What is measured is the importer's own function, the one behind its
-operator: its wall seconds (the shortest of the runs), and by how much the peak of the process's memory rises until it returns (the median).
-The next column is that rise after the scene has been evaluated once: Blender then holds a second copy of all keys, whoever wrote them (its
-own importer evaluates the scene while it runs). At 72 bytes per key, two copies of the keys are a floor that no importer can go below.
+Every import runs in a fresh process, and the importers take turns. Each is called by the function behind its operator.
+
+seconds    wall time until the scene shows the motion, evaluation included; the shortest of the runs
+added MB   how far the peak of the process's memory rises until the importer returns; the median of the runs
+evaluated  the same after the scene has been evaluated. Blender then holds a second copy of all keys, whoever wrote them (its own importer
+           evaluates the scene while it runs): at 72 bytes per key, two copies are a floor that no importer can go below.
+
 Every joint turns about all its axes in every frame, so that no key is redundant.
 """
 
@@ -98,9 +101,9 @@ def import_in_blender(importer: str, file: str, scene_rate: str) -> None:
             use_fps_scale=int(scene_rate) != FILE_RATE,
             global_matrix=axis_conversion(from_forward="-Z", from_up="Y").to_4x4(),
         )
-    seconds, added = time.perf_counter() - start, memory("VmHWM") - before
+    added = memory("VmHWM") - before
     context.view_layer.update()
-    evaluated = memory("VmHWM") - before
+    seconds, evaluated = time.perf_counter() - start, memory("VmHWM") - before
     keys = sum(len(curve.keyframe_points) for curve in action_curves(context.object))
     print(json.dumps(Measured(seconds, added, evaluated, keys)))
 

@@ -14,7 +14,7 @@ from .calibration import add_calibration_arguments, calibration_options
 if TYPE_CHECKING:
     from ..motion.bvh import BvhFile
     from ..takes.calibrate import Calibration
-    from ..takes.take import Constant, Take, TakeReport
+    from ..takes.take import Take, TakeReport
 
 HELP = "say what takes and mocap files are: format, rate, unit, axes, floor, stature, gaps, defects"
 
@@ -27,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
     from ..motion.bvh import read_bvh_file
     from ..takes.calibrate import calibrate
+    from ..takes.describe import take_lines
     from ..takes.readers import is_bvh, read_take
 
     overrides, options = calibration_options(args)
@@ -39,7 +40,7 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
             take = read_take(path, overrides)
             assert take.report is not None
             calibration = calibrate(take, options).calibration
-            facts, lines = _take_facts(take, take.report, calibration), _take_lines(take, take.report, calibration)
+            facts, lines = _take_facts(take, take.report, calibration), take_lines(take, calibration)
         console.say(str(path))
         for line in lines:
             console.say(f"  {line}")
@@ -60,35 +61,6 @@ def _take_facts(take: Take, report: TakeReport, calibration: Calibration) -> dic
         **asdict(report),
         "calibration": calibration.as_dict(),
     }
-
-
-def _take_lines(take: Take, report: TakeReport, calibration: Calibration) -> Iterator[str]:
-    yield f"{report.format}, {take.kind} poses: {len(take)} samples of {report.rows} rows, {take.seconds:.2f} s, {take.rate:.1f} a second"
-    if report.origin:
-        yield ", ".join(value for value in report.origin.values() if value)
-    for name, constant in (report.constants | calibration.constants).items():
-        yield f"{name.replace('_', ' ')}: {_constant_text(constant)}"
-    if calibration.reach == calibration.reach:
-        yield f"an arm reaches the wrists in {calibration.reach:.0%} of samples"
-    for defect in report.defects:
-        yield f"! {defect.message}"
-    for warning in calibration.warnings:
-        yield f"! {warning}"
-
-
-def _constant_text(constant: Constant) -> str:
-    value = constant.value
-    if isinstance(value, bool):
-        text = "yes" if value else "no"
-    elif isinstance(value, float):
-        text = f"{value:.3f} m"
-    elif isinstance(value, tuple):
-        text = ", ".join(f"{part:.3f}" for part in value) + " m"
-    else:
-        text = value
-    sure = "" if constant.confidence is None else f", confidence {constant.confidence:.2f}"
-    why = f": {constant.why}" if constant.why else ""
-    return f"{text} ({constant.source}{sure}{why})"
 
 
 def _mocap_facts(file: BvhFile) -> dict[str, Any]:

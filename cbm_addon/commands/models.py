@@ -16,18 +16,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
-    from ..solve.models import find_models, read_card, verify_files
+    from ..solve.models import describe, find_models, read_card, verify_files
 
     found = []
     for folder in args.folders or find_models():
         card = read_card(folder)
         verify_files(folder, card)
-        size = sum(entry["bytes"] for entry in card["files"].values())
-        clips = card["training"].get("clips", {}).get("train", "?")
-        console.say(
-            f"{folder}: '{card['name']}' {card.get('version', '')}, modes {', '.join(card['modes'])}, {size / 1e6:.1f} MB, trained on {clips} clips, {card['licence']}"
-        )
-        found.append({"folder": folder, "bytes": size, "card": card})
+        console.say(f"{folder}: {describe(card)}")
+        found.append({"folder": folder, "card": card})
     if not found:
         console.say("no models found")
     return {"models": found}

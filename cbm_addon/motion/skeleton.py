@@ -111,7 +111,7 @@ def _standard_body() -> Skeleton:
         "LeftFoot": (0, 0, -0.231),
         "LeftToe": (0, -0.073, -0.052),
     }
-    tips = {"Head": (0, -0.02, 0.112), "LeftHand": (0.104, 0, 0), "LeftToe": (0, -0.04, 0)}
+    tips = {"Head": (0, -0.02, 0.093), "LeftHand": (0.104, 0, 0), "LeftToe": (0, -0.04, 0)}
     mirror = np.array([-1, 1, 1])
 
     def place(table: dict[str, tuple[float, float, float]], name: str) -> Array:

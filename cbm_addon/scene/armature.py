@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..motion.motion import Motion, local_rotations
-from ..motion.rotations import Array, angle, inverse, multiply, normalize, quat_between, quat_from_matrix, rotate
+from ..motion.rotations import Array, angle, inverse, multiply, normalize, quat_between, quat_from_matrix, quat_from_yaw, rotate
 from ..motion.skeleton import Skeleton
 from .action import Channel, location_channel, rotation_channel, scene_rate
 
@@ -143,7 +143,7 @@ def _link(obj: bpy.types.Object, skeleton: Skeleton, joints: dict[str, int]) -> 
 
     links = []
     lengths = np.zeros(2)
-    alignments: dict[str | None, Array] = {None: np.array([1.0, 0, 0, 0])}
+    alignments: dict[str | None, Array] = {None: _heading(source[[joints[name] for name in bones]], np.stack(list(target.values())))}
     afters: dict[str, Array] = {}
     for name, bone in bones.items():
         children = [child for child, parent in above.items() if parent == name]
@@ -168,6 +168,12 @@ def _link(obj: bpy.types.Object, skeleton: Skeleton, joints: dict[str, int]) -> 
     return links, float(lengths[1] / lengths[0]) if lengths.all() else 1.0
 
 
+def _heading(source: Array, target: Array) -> Array:
+    """The turn about Z that brings a body [N, 3] at rest to face where the same body's joints face at rest."""
+    (sx, sy, _), (tx, ty, _) = (source - source.mean(axis=0)).T, (target - target.mean(axis=0)).T
+    return quat_from_yaw(np.arctan2(np.sum(tx * sy - ty * sx), np.sum(tx * sx + ty * sy)))
+
+
 def _align(parent: Array, source: Array, target: Array) -> Array:
     """The rotation that lays a bone's ways to its children [N, 3] along those of its joint, starting from its parent's; the parent's if that is near."""
     apart = np.minimum(np.linalg.norm(source, axis=-1), np.linalg.norm(target, axis=-1)) > 1e-6
@@ -187,8 +193,9 @@ def _channels(obj: bpy.types.Object, motion: Motion, links: list[_Link], scale: 
     parents = skeleton.parents
     to_armature = _matrix(obj.matrix_world.inverted())
     shrink = scale * np.cbrt(np.linalg.det(to_armature[:3, :3]))
-    chained = all(link.anchor == parents[link.joint] for link in links)  # as on an armature that was made for the skeleton
-    turns, positions = (motion.rotations, motion.root[:, None]) if chained else motion.forward()
+    # On an armature that was made for the skeleton, every turn is a joint's own, and only the first joint moves freely.
+    own = all(link.anchor == parents[link.joint] and link.moves_freely == (link.joint == 0) for link in links)
+    turns, positions = (motion.rotations, motion.root[:, None]) if own else motion.forward()
 
     def turn_in(anchor: int, joint: int) -> Array:
         """The turn of `joint` as seen from `anchor`."""

@@ -114,7 +114,7 @@ def _run_importer(path: Path) -> None:
     except AttributeError:
         raise InputError(path, "Blender's importer for this format is disabled; enable its add-on") from None
     except RuntimeError as error:
-        reasons = [line.strip() for line in str(error).splitlines() if line.strip() and not line.startswith("Location:")]
+        reasons = [line.strip().removeprefix("Error: ") for line in str(error).splitlines() if line.strip() and not line.startswith("Location:")]
         raise InputError(path, f"Blender's own importer cannot read it ({reasons[-1]}); export the file again") from None
     if not done:
         raise InputError(path, "Blender's own importer cannot read it; export the file again")

@@ -86,7 +86,7 @@ def read_card(folder: Path) -> dict[str, Any]:
         raise InputError(path, f"is not JSON ({error}); choose a folder that `train` wrote") from error
     if not isinstance(card, dict) or card.get("format") != CARD_FORMAT:
         raise InputError(path, f"has another format; '{CARD_FORMAT}' is expected")
-    missing = [key for key in ("name", "modes", "files", "training", "licence") if key not in card]
+    missing = [key for key in ("name", "version", "modes", "files", "training", "licence") if key not in card]
     if missing:
         raise InputError(path, f"lacks {', '.join(missing)}; train the model again with this version")
     for name, entry in card["modes"].items():
@@ -97,6 +97,13 @@ def read_card(folder: Path) -> dict[str, Any]:
             if entry["features"].get(key) != value:
                 raise InputError(path, f"was trained on other features ('{key}' of mode '{name}' differs); train the model again with this version")
     return card
+
+
+def describe(card: dict[str, Any]) -> str:
+    """A card in one line."""
+    size = sum(entry["bytes"] for entry in card["files"].values()) / 1e6
+    clips = card["training"]["clips"]["train"]
+    return f"'{card['name']}' {card['version']}: {' and '.join(card['modes'])}, {size:.1f} MB, trained on {clips} clips, {card['licence']}"
 
 
 def verify_files(folder: Path, card: dict[str, Any]) -> None:

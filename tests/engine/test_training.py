@@ -55,7 +55,7 @@ def test_a_checkpoint_of_another_configuration_is_refused(data: dict[str, Datase
 
 def test_the_exported_networks_compute_what_the_trained_ones_do(data: dict[str, Dataset], tmp_path: Path) -> None:
     networks = run(train_mode(data, MODE, CONFIG, tmp_path / "checkpoint.npz", False))
-    export([networks], tmp_path / "model", {"name": "test", "licence": "none", "training": {}})
+    export([networks], tmp_path / "model", {"name": "test", "version": "0", "licence": "none", "training": {"clips": {"train": 1}}})
     loaded = load_model(tmp_path / "model").networks("lookahead")
     windows, _, _ = data["validation"].batch(np.arange(0, 100, 10), MODE)
     codes = np.arange(10 * 4).reshape(10, 4) % 4

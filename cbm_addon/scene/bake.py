@@ -1,0 +1,179 @@
+"""The bake: a calibrated take becomes a new action on an armature."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import bpy
+import numpy as np
+
+from ..motion.motion import Motion
+from ..motion.resample import frame_times
+from ..motion.rotations import Array
+from ..progress import Progress, part
+from ..rigs.body import RigBody, rig_body
+from ..rigs.pose import bone_poses
+from ..rigs.rig import Rig
+from ..solve.fuse import fuse
+from ..solve.models import Model
+from ..solve.perform import SolveOptions, perform, sampled
+from ..takes.calibrate import Calibrated
+from ..takes.synthesize import TRACKED_JOINTS
+from ..takes.take import DEVICES
+from .action import Channel, location_channel, rotation_channel, scene_frames, scene_rate, write_action
+from .rig import read_rig
+
+MEASURED_FRAMES = 120  # on how many frames the evaluated rig is compared with the trackers
+CLOSE = 0.01  # metres
+
+
+@dataclass(frozen=True)
+class BakeOptions:
+    """part "full" or "lower" (hips and legs are keyed, the animation of the rest stays what it is)."""
+
+    part: Literal["full", "lower"] = "full"
+    solve: SolveOptions = SolveOptions()
+
+
+@dataclass(frozen=True)
+class TrackerError:
+    """How far a joint of the evaluated rig is from its tracker, over the frames that were measured."""
+
+    median_cm: float
+    p95_cm: float
+    max_cm: float
+    share_within_1_cm: float
+
+
+@dataclass(frozen=True)
+class BakeReport:
+    """What a bake made.
+
+    scale              of the take, about the world origin, to the rig's size
+    seconds            that the bake took, of which `frames_per_second` follows
+    measured_frames    frames on which the evaluated rig was compared with the scaled trackers
+    tracker_errors     by device; empty when only the lower body was baked
+    """
+
+    action: str
+    frames: int
+    fps: float
+    scale: float
+    seconds: float
+    frames_per_second: float
+    measured_frames: int
+    tracker_errors: dict[str, TrackerError]
+
+
+def bake(
+    context: bpy.types.Context, armature: bpy.types.Object, calibrated: Calibrated, model: Model, options: BakeOptions
+) -> Generator[Progress, None, BakeReport]:
+    """Solves a take on the armature's own proportions and writes it as a new action; take time 0 is the scene's start frame.
+
+    Nothing is changed before the last event. Then the armature has the new action; the one it had stays in the file, and with part "lower"
+    it goes on as an NLA strip below. InputError if the armature cannot be baked onto.
+    """
+    started = time.perf_counter()
+    scene = context.scene
+    rig = read_rig(armature)
+    solved = rig_body(rig)
+    scale = take_scale(solved, calibrated)
+    motion = yield from part(solve_on_rig(solved, calibrated, model, options.solve, scene_rate(scene)), 0, 0.95)
+    yield Progress(0.95, "writing keys")
+    frames = scene_frames(scene, motion.times, scene.frame_start)
+    name = f"{calibrated.take.name}_variation{options.solve.variation}"
+    action = _write(armature, name, frames, list(_channels(armature, rig, solved, motion, options.part)), options.part)
+    measured, errors = np.empty(0), {}
+    if options.part == "full":
+        measured = np.unique(np.linspace(0, len(frames) - 1, MEASURED_FRAMES).round().astype(int))
+        trackers = sampled(calibrated.take, motion.times[measured]).positions * scale
+        errors = _tracker_errors(context, armature, rig, frames[measured], trackers)
+    seconds = time.perf_counter() - started
+    return BakeReport(action.name, len(frames), scene_rate(scene), scale, seconds, len(frames) / seconds, len(measured), errors)
+
+
+def take_scale(solved: RigBody, calibrated: Calibrated) -> float:
+    """World units of the rig per metre of the take: both stand at the same height of the head joint."""
+    return (solved.body.height_above_toes("Head") + solved.sole) / calibrated.calibration.head_height
+
+
+def solve_on_rig(solved: RigBody, calibrated: Calibrated, model: Model, options: SolveOptions, rate: float) -> Generator[Progress, None, Motion]:
+    """The motion of the rig's body at a steady rate, in world units.
+
+    It is solved at the performer's size, where the engine's centimetres mean what they say, and then scaled.
+    """
+    take, head_height = calibrated.take, calibrated.calibration.head_height
+    scale = take_scale(solved, calibrated)
+    performance = yield from part(perform(take, head_height, model, options), 0, 0.6)
+    yield Progress(0.6, "meeting trackers and planting feet")
+    times = frame_times(take.times[0], take.times[-1], rate)
+    motion = fuse(performance, take, times, solved.body.scaled(1 / scale), solved.sole / scale)
+    return replace(motion, skeleton=solved.body, root=motion.root * np.float32(scale))
+
+
+def _channels(armature: bpy.types.Object, rig: Rig, solved: RigBody, motion: Motion, part: str) -> Iterator[Channel]:
+    for pose in bone_poses(rig, solved, motion):
+        if part == "full" or pose.control.lower:
+            bone = armature.pose.bones[pose.control.bone]
+            yield rotation_channel(bone, pose.rotation)
+            if pose.location is not None:
+                yield location_channel(bone, pose.location)
+    for setting in rig.mapping.settings:
+        if part == "full" or setting.lower:
+            bone, name = (bpy.utils.escape_identifier(text) for text in (setting.bone, setting.name))
+            yield Channel(f'pose.bones["{bone}"]["{name}"]', np.full((len(motion), 1), setting.value), setting.bone)
+
+
+def _write(armature: bpy.types.Object, name: str, frames: np.ndarray, channels: list[Channel], part: str) -> bpy.types.Action:
+    data = armature.animation_data_create()
+    previous, slot = data.action, getattr(data, "action_slot", None)
+    action = write_action(armature, name, frames, channels)
+    if previous is not None and part == "lower":
+        _play_below(data, previous, slot, frames)
+    elif previous is not None:
+        previous.use_fake_user = True  # or it would leave the file with its last user
+    return action
+
+
+def _play_below(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None, frames: np.ndarray) -> None:
+    """Plays an action as an NLA strip below the active one, which replaces it where it has curves of its own.
+
+    A strip, and not a copy of its curves, because the animator's action stays the one that is edited and ours stays free of their keys.
+    """
+    start = min(action.frame_range[0], frames[0])
+    end = max(action.frame_range[1], frames[-1], start + 1)
+    track = data.nla_tracks.new()
+    track.name = action.name
+    strip = track.strips.new(action.name, int(start), action)
+    if slot is not None:
+        strip.action_slot = slot
+    strip.action_frame_start, strip.action_frame_end = start, end  # wide enough for the curves' own extrapolation to show
+    strip.frame_start, strip.frame_end = start, end
+
+
+def _tracker_errors(context: bpy.types.Context, armature: bpy.types.Object, rig: Rig, frames: np.ndarray, trackers: Array) -> dict[str, TrackerError]:
+    """Compares the evaluated bones with tracker positions [N, 3, 3] at frames [N]; the scene's frame is put back."""
+    bones = [rig.mapping.joints[joint] for joint in TRACKED_JOINTS]
+    distances = np.empty((len(frames), len(bones)))
+    scene = context.scene
+    frame, subframe = scene.frame_current, scene.frame_subframe
+    try:
+        for i, at in enumerate(frames):
+            scene.frame_set(int(at // 1), subframe=float(at % 1))
+            evaluated = armature.evaluated_get(context.evaluated_depsgraph_get())
+            heads = [evaluated.matrix_world @ evaluated.pose.bones[bone].head for bone in bones]
+            distances[i] = np.linalg.norm(np.array(heads) - trackers[i], axis=-1)
+    finally:
+        scene.frame_set(frame, subframe=subframe)
+    return {
+        device: TrackerError(
+            median_cm=float(100 * np.median(values)),
+            p95_cm=float(100 * np.percentile(values, 95)),
+            max_cm=float(100 * values.max()),
+            share_within_1_cm=float(np.mean(values < CLOSE)),
+        )
+        for device, values in zip(DEVICES, distances.T, strict=True)
+    }

@@ -1,0 +1,198 @@
+"""Previews: Workbench pictures and videos of a bake, rendered in a scene of their own that is removed afterwards."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..errors import InputError
+from ..motion.resample import lerp_samples
+from ..motion.rotations import Array, yaw_from_quat
+from ..progress import Progress
+from ..takes.take import HEAD, Take
+from .action import Channel, scene_frames, scene_rate, write_action
+from .proxy import meshes_of
+from .stage import add_camera, add_floor, add_markers
+from .takes import animate_tracker
+
+VIDEO_FRAMES = 300
+VIDEO_RATE = 12.0  # frames per second below which a video no longer shows how something moves
+VIDEO_SIZE = (640, 360)
+SHEET = (4, 2)  # pictures side by side, one below the other
+SHEET_SIZE = (400, 400)
+CAMERA_SECONDS = 1.0  # the camera follows the head's path under a Gaussian of this standard deviation
+CAMERA_RATE = 10.0  # keys per second of the camera
+ABOVE_HEAD = 1.13  # height of a body over that of its head joint
+ROOM = 0.45  # metres around the body
+MARGIN = 3.0  # metres of floor around the path
+BACKGROUND = (0.16, 0.17, 0.19)
+SUFFIXES = {".mp4": "a video", ".png": "a sheet of pictures"}
+
+
+@dataclass(frozen=True)
+class Shot:
+    """What there is to see: an armature with an action, and the calibrated take that it was baked from, scaled about the world origin."""
+
+    armature: bpy.types.Object
+    take: Take
+    scale: float
+    head_height: float
+    """standing height of the armature's head joint, world units"""
+
+
+def check_preview(path: Path) -> None:
+    """InputError for a file of a kind that is not rendered here."""
+    if path.suffix.lower() not in SUFFIXES:
+        kinds = " or ".join(f"{suffix} for {kind}" for suffix, kind in SUFFIXES.items())
+        raise InputError(path, f"is no kind of preview that is known; it must end in {kinds}")
+
+
+def render_preview(scene: bpy.types.Scene, shot: Shot, path: Path) -> Generator[Progress, None, None]:
+    """Renders `shot` to `path`: an .mp4 of at most VIDEO_FRAMES frames from its start, or a .png with moments of the whole of it.
+
+    The scene and its settings are left as they are.
+    """
+    check_preview(path)
+    with _stage(scene, shot) as stage:
+        yield from _video(stage, shot, path) if path.suffix.lower() == ".mp4" else _sheet(stage, shot, path)
+
+
+@contextmanager
+def _stage(scene: bpy.types.Scene, shot: Shot) -> Iterator[bpy.types.Scene]:
+    """A temporary scene with the armature's meshes, a floor, markers at the trackers and a camera that follows."""
+    known = {kind: set(getattr(bpy.data, kind)) for kind in ("objects", "meshes", "materials", "cameras", "actions", "worlds", "images")}
+    stage = bpy.data.scenes.new("CBM Preview")
+    try:
+        stage.render.fps, stage.render.fps_base, stage.frame_start = scene.render.fps, scene.render.fps_base, scene.frame_start
+        for mesh in meshes_of(shot.armature):
+            stage.collection.objects.link(mesh)
+        heads = shot.take.positions[:, HEAD] * np.float32(shot.scale)
+        add_floor(stage.collection, np.stack((heads.min(0), heads.max(0))), MARGIN)
+        for device, marker in add_markers(stage.collection).items():
+            animate_tracker(marker, stage, shot.take, device, shot.scale)
+        _look(stage)
+        yield stage
+    finally:
+        bpy.data.scenes.remove(stage)
+        for kind, before in known.items():
+            collection = getattr(bpy.data, kind)
+            for block in set(collection) - before:
+                collection.remove(block)
+
+
+def _look(stage: bpy.types.Scene) -> None:
+    stage.world = bpy.data.worlds.new("CBM Preview")
+    stage.world.color = BACKGROUND
+    stage.view_settings.view_transform = "Standard"
+    stage.render.engine = "BLENDER_WORKBENCH"
+    stage.render.use_file_extension = False
+    stage.display.render_aa = "5"
+    shading = stage.display.shading
+    shading.light, shading.color_type = "STUDIO", "MATERIAL"
+    shading.show_shadows = shading.show_cavity = True
+    shading.shadow_intensity = 0.4
+
+
+def _follow(stage: bpy.types.Scene, shot: Shot, size: tuple[int, int]) -> None:
+    """A camera before the body as it stands at the start, moving along with its smoothed path."""
+    stage.render.resolution_x, stage.render.resolution_y = size
+    take = shot.take
+    facing = float(yaw_from_quat(take.rotations[0, HEAD]))
+    camera = add_camera(stage, stage.collection, facing, ABOVE_HEAD * shot.head_height, ROOM * shot.scale)
+    times = np.arange(take.times[0], take.times[-1] + 1 / CAMERA_RATE, 1 / CAMERA_RATE)
+    path = _smooth(lerp_samples(take.times, take.positions[:, HEAD], times) * np.float32(shot.scale), CAMERA_SECONDS * CAMERA_RATE)
+    path[:, 2] = 0
+    frames = scene_frames(stage, times, stage.frame_start)
+    write_action(camera, "CBM Camera", frames, [Channel("location", path + np.array(camera.location), "Transform")], fake_user=False)
+
+
+def _smooth(values: Array, deviation: float) -> Array:
+    """Values [T, N] under a Gaussian of that many samples; the ends are held."""
+    reach = int(3 * deviation)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
+    padded = np.concatenate((np.repeat(values[:1], reach, 0), values, np.repeat(values[-1:], reach, 0)))
+    return np.stack([np.convolve(column, weights / weights.sum(), "valid") for column in padded.T], axis=-1)
+
+
+def _last_frame(stage: bpy.types.Scene, shot: Shot) -> int:
+    return stage.frame_start + int(np.floor(shot.take.seconds * scene_rate(stage) + 1e-6))
+
+
+def video_frames(first: int, last: int, rate: float) -> tuple[range, float]:
+    """The frames of a video and its rate: every n-th frame, as few as movement allows, then as many as VIDEO_FRAMES."""
+    wanted = -(-(last - first + 1) // VIDEO_FRAMES)
+    step = max(1, min(wanted, int(rate / VIDEO_RATE)))
+    frames = range(first, last + 1, step)[:VIDEO_FRAMES]
+    return frames, rate / step
+
+
+def _video(stage: bpy.types.Scene, shot: Shot, path: Path) -> Generator[Progress, None, None]:
+    _follow(stage, shot, VIDEO_SIZE)
+    frames, rate = video_frames(stage.frame_start, _last_frame(stage, shot), scene_rate(stage))
+    with tempfile.TemporaryDirectory() as folder:
+        pictures = []
+        for i, frame in enumerate(frames):
+            yield Progress(i / len(frames), f"rendering {path.suffix[1:]}")
+            pictures.append(_picture(stage, frame, Path(folder, f"{i:04}.png")))
+        _encode(stage, pictures, rate, path)
+
+
+def _encode(stage: bpy.types.Scene, pictures: list[Path], rate: float, path: Path) -> None:
+    """H.264 from pictures, by Blender's own sequencer."""
+    render = stage.render
+    editor = stage.sequence_editor_create()
+    strips = editor.strips if hasattr(editor, "strips") else editor.sequences
+    strip = strips.new_image("pictures", str(pictures[0]), 1, stage.frame_start)
+    for picture in pictures[1:]:
+        strip.elements.append(picture.name)
+    stage.frame_end = stage.frame_start + len(pictures) - 1
+    render.fps, render.fps_base = round(rate), round(rate) / rate
+    if hasattr(render.image_settings, "media_type"):
+        render.image_settings.media_type = "VIDEO"
+    render.image_settings.file_format = "FFMPEG"
+    render.ffmpeg.format, render.ffmpeg.codec = "MPEG4", "H264"
+    render.ffmpeg.constant_rate_factor = "HIGH"
+    render.filepath = str(path)
+    bpy.ops.render.render(animation=True, scene=stage.name)
+
+
+def _sheet(stage: bpy.types.Scene, shot: Shot, path: Path) -> Generator[Progress, None, None]:
+    _follow(stage, shot, SHEET_SIZE)
+    columns, rows = SHEET
+    frames = np.linspace(stage.frame_start, _last_frame(stage, shot), columns * rows).round().astype(int)
+    width, height = SHEET_SIZE
+    sheet = np.empty((rows * height, columns * width, 4), dtype=np.float32)
+    with tempfile.TemporaryDirectory() as folder:
+        for i, frame in enumerate(frames.tolist()):
+            yield Progress(i / len(frames), f"rendering {path.suffix[1:]}")
+            pixels = _pixels(_picture(stage, frame, Path(folder, f"{i}.png")))
+            bottom, left = (rows - 1 - i // columns) * height, i % columns * width
+            sheet[bottom : bottom + height, left : left + width] = pixels
+    image = bpy.data.images.new("CBM Preview", columns * width, rows * height)
+    image.pixels.foreach_set(sheet.ravel())
+    image.filepath_raw, image.file_format = str(path), "PNG"
+    image.save()
+
+
+def _picture(stage: bpy.types.Scene, frame: int, path: Path) -> Path:
+    stage.frame_set(frame)
+    stage.render.image_settings.file_format = "PNG"
+    stage.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True, scene=stage.name)
+    return path
+
+
+def _pixels(path: Path) -> Array:
+    """Pixels [height, width, 4] of a picture file, from its lowest row."""
+    image = bpy.data.images.load(str(path))
+    pixels = np.empty(len(image.pixels), dtype=np.float32)
+    image.pixels.foreach_get(pixels)
+    width, height = image.size
+    bpy.data.images.remove(image)
+    return pixels.reshape(height, width, 4)

@@ -1,0 +1,50 @@
+"""Bake the take of the scene onto a rig."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ..cbm_addon.errors import InputError
+from ..cbm_addon.progress import Job
+from ..cbm_addon.scene.bake import BakeOptions, BakeReport, bake
+from ..cbm_addon.scene.modal import ModalJob
+from ..cbm_addon.scene.rig import find_armature
+from ..cbm_addon.solve.models import load_model
+from ..cbm_addon.takes.calibrate import calibrate
+from ..cbm_addon.takes.readers import read_take
+
+
+class CBM_OT_bake_take(bpy.types.Operator, ModalJob):
+    bl_idname = "cbm.bake_take"
+    bl_label = "Bake Take"
+    bl_description = "Solve the take for the rig and write the body's animation as a new action; Esc cancels and changes nothing"
+    bl_options = {"REGISTER", "UNDO"}
+
+    take: bpy.props.StringProperty(name="Take", description="The recording; the panel's if empty", subtype="FILE_PATH", options={"SKIP_SAVE"})
+    rig: bpy.props.StringProperty(name="Rig", description="Name of the armature; the panel's or the active one if empty", options={"SKIP_SAVE"})
+
+    def job(self, context: bpy.types.Context) -> Job[BakeReport]:
+        """The bake with the scene's settings; InputError before it begins if take, rig or model are missing."""
+        settings = context.scene.cbm
+        path = bpy.path.abspath(self.take) if self.take else settings.take
+        if not path:
+            raise InputError("Take", "none is loaded; import a take first")
+        take = read_take(Path(path), settings.overrides())
+        calibrated = calibrate(take, settings.calibration())
+        model = load_model(settings.model_folder())
+        return bake(context, self._armature(context), calibrated, model, BakeOptions(settings.part, settings.solve_options()))
+
+    def finish(self, context: bpy.types.Context, result: BakeReport) -> None:
+        self.report({"INFO"}, f"{result.action}: {result.frames} frames at {result.fps:g} fps in {result.seconds:.1f} s")
+        for device, error in result.tracker_errors.items():
+            self.report({"INFO"}, f"{device} within 1 cm of its tracker at {error.share_within_1_cm:.0%} of frames, {error.max_cm:.1f} cm at most")
+
+    def _armature(self, context: bpy.types.Context) -> bpy.types.Object:
+        if self.rig:
+            return find_armature(self.rig)
+        chosen = context.scene.cbm.rig or context.active_object
+        if chosen is None:
+            raise InputError("Rig", "none is chosen; choose an armature")
+        return chosen

@@ -1,0 +1,44 @@
+"""Calibrate the take of the scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ..cbm_addon.errors import InputError
+from .import_take import load_take
+from .properties import CALIBRATION_NAMES, CalibrationProperties
+
+
+class CBM_OT_calibrate_take(bpy.types.Operator, CalibrationProperties):
+    bl_idname = "cbm.calibrate_take"
+    bl_label = "Calibrate Take"
+    bl_description = "Correct what was measured of the take: units, axes, floor, eye height, controllers"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return bool(context.scene.cbm.take)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        for name in CALIBRATION_NAMES:
+            setattr(self, name, getattr(context.scene.cbm, name))
+        return context.window_manager.invoke_props_dialog(self)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        settings = context.scene.cbm
+        before = {name: getattr(settings, name) for name in CALIBRATION_NAMES}
+        for name in CALIBRATION_NAMES:
+            if self.properties.is_property_set(name):
+                setattr(settings, name, getattr(self, name))
+        try:
+            lines = load_take(context, Path(settings.take))
+        except InputError as error:
+            for name, value in before.items():
+                setattr(settings, name, value)
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        for line in lines:
+            self.report({"WARNING" if line.startswith("!") else "INFO"}, line)
+        return {"FINISHED"}

@@ -1,0 +1,88 @@
+"""What the panel holds between its steps: settings of the scene, and what the last step found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ..cbm_addon.features import MODES
+from ..cbm_addon.solve.models import DEFAULT_MODEL
+from ..cbm_addon.solve.perform import SolveOptions
+from ..cbm_addon.takes.calibrate import CalibrationOptions
+from ..cbm_addon.takes.devices import CONTROLLERS
+from ..cbm_addon.takes.frames import AXES, METRES
+from ..cbm_addon.takes.recording import TakeOverrides
+
+MEASURE = ("MEASURE", "Measure", "Find it in the take")
+
+
+def choices(names) -> list[tuple[str, str, str]]:
+    """Enum items that begin with "measure"."""
+    return [MEASURE, *((name, name, "") for name in names)]
+
+
+def armatures_only(self: bpy.types.PropertyGroup, obj: bpy.types.Object) -> bool:
+    return obj.type == "ARMATURE"
+
+
+class CalibrationProperties:
+    """The constants of a take that a user may know better; the measured or assumed value is used where nothing is given."""
+
+    unit: bpy.props.EnumProperty(name="Unit", description="Unit of the take's positions", items=choices(METRES))
+    axes: bpy.props.EnumProperty(name="Axes", description="Axes of the take", items=choices(AXES))
+    swap_hands: bpy.props.EnumProperty(
+        name="Hands", description="Whether left and right are exchanged", items=[MEASURE, ("SWAP", "Swap", ""), ("KEEP", "As They Are", "")]
+    )
+    eye_height: bpy.props.FloatProperty(name="Eye Height", description="Standing eye height; 0 measures it", min=0, max=2.5, unit="LENGTH")
+    floor: bpy.props.FloatProperty(name="Floor", description="Height of the floor in the take", unit="LENGTH")
+    measure_floor: bpy.props.BoolProperty(name="Measure Floor", description="Take the floor from the recording", default=True)
+    device: bpy.props.EnumProperty(name="Device", description="Which controllers were held", items=choices(CONTROLLERS))
+    seated: bpy.props.BoolProperty(name="Seated", description="The performer sits throughout")
+
+    def overrides(self) -> TakeOverrides:
+        swap = {"SWAP": True, "KEEP": False}.get(self.swap_hands)
+        return TakeOverrides(_given(self.unit), _given(self.axes), swap)
+
+    def calibration(self) -> CalibrationOptions:
+        return CalibrationOptions(
+            eye_height=self.eye_height or None,
+            floor=None if self.measure_floor else self.floor,
+            device=_given(self.device),
+            seated=self.seated,
+        )
+
+
+CALIBRATION_NAMES = tuple(CalibrationProperties.__annotations__)
+
+
+def _given(choice: str) -> str | None:
+    return None if choice == MEASURE[0] else choice
+
+
+class CBM_PG_settings(bpy.types.PropertyGroup, CalibrationProperties):
+    take: bpy.props.StringProperty(name="Take", description="The three-point recording")
+    take_summary: bpy.props.StringProperty(name="Findings", description="What was found and assumed of the take, a line each")
+    rig: bpy.props.PointerProperty(name="Rig", description="The armature to animate", type=bpy.types.Object, poll=armatures_only)
+    model: bpy.props.StringProperty(name="Model", description="The model folder; the shipped model if empty")
+    model_summary: bpy.props.StringProperty(name="Model Facts", description="What the model's card says")
+    mode: bpy.props.EnumProperty(
+        name="Mode", description="What a frame may know", items=[(name, name.capitalize(), "") for name in MODES], default=SolveOptions().mode
+    )
+    candidates: bpy.props.IntProperty(
+        name="Candidates", description="Futures drawn from the codebook at a time", default=SolveOptions().candidates, min=1, max=64
+    )
+    variation: bpy.props.IntProperty(name="Variation", description="0 is the most agreed answer, others are different ones", min=0)
+    seed: bpy.props.IntProperty(name="Seed", description="The same seed gives the same motion", min=0)
+    part: bpy.props.EnumProperty(
+        name="Part",
+        items=[("full", "Full Body", "Key the whole body"), ("lower", "Hips and Legs", "Key hips and legs only; the animation of the upper body stays")],
+    )
+    progress: bpy.props.FloatProperty(name="Progress", subtype="FACTOR", min=0, max=1, options={"SKIP_SAVE"})
+    doing: bpy.props.StringProperty(name="Doing", description="What runs now", options={"SKIP_SAVE"})
+
+    def solve_options(self) -> SolveOptions:
+        return SolveOptions(self.mode, self.candidates, self.variation, self.seed)
+
+    def model_folder(self) -> Path:
+        return Path(bpy.path.abspath(self.model)) if self.model else DEFAULT_MODEL

@@ -1,0 +1,70 @@
+"""The panel in the sidebar of the 3D view: take, rig, model, bake. Drawing reads what the operators found and does no work."""
+
+from __future__ import annotations
+
+from pathlib import PurePath
+
+import bpy
+
+from ..operators.bake_take import CBM_OT_bake_take
+from ..operators.calibrate_take import CBM_OT_calibrate_take
+from ..operators.import_mocap import CBM_OT_import_mocap
+from ..operators.import_take import CBM_OT_import_take
+from ..operators.load_model import CBM_OT_load_model
+from ..operators.train_model import CBM_OT_train_model
+
+FINDINGS_SHOWN = 6
+
+
+class CBM_PT_sidebar(bpy.types.Panel):
+    bl_label = "CBM"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "CBM"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        settings = context.scene.cbm
+        layout = self.layout
+        if settings.doing:
+            layout.progress(factor=settings.progress, text=settings.doing)
+            layout.label(text="Esc cancels")
+        self._take(layout.box(), settings)
+        self._rig(layout.box(), settings)
+        self._model(layout.box(), settings)
+        self._bake(layout.box(), settings)
+
+    def _take(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+        box.label(text="1. Take", icon="REC")
+        name = PurePath(settings.take).name if settings.take else "Choose a Recording"
+        box.operator(CBM_OT_import_take.bl_idname, text=name, icon="FILEBROWSER")
+        if settings.take:
+            column = box.column(align=True)
+            column.scale_y = 0.8
+            lines = settings.take_summary.split("\n")
+            warnings = [line for line in lines if line.startswith("!")]
+            plain = [line for line in lines if not line.startswith("!")]
+            for line in (warnings + plain)[:FINDINGS_SHOWN]:
+                column.label(text=line.removeprefix("! "), icon="ERROR" if line in warnings else "DOT")
+            box.operator(CBM_OT_calibrate_take.bl_idname, icon="EMPTY_ARROWS")
+
+    def _rig(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+        box.label(text="2. Rig", icon="ARMATURE_DATA")
+        box.prop(settings, "rig", text="")
+        box.operator(CBM_OT_import_mocap.bl_idname, icon="IMPORT")
+
+    def _model(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+        box.label(text="3. Model", icon="NETWORK_DRIVE")
+        box.label(text=settings.model_summary or "The shipped model")
+        row = box.row(align=True)
+        row.operator(CBM_OT_load_model.bl_idname, icon="FILE_FOLDER")
+        row.operator(CBM_OT_train_model.bl_idname, icon="PREFERENCES")
+
+    def _bake(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+        box.label(text="4. Bake", icon="ACTION")
+        column = box.column(align=True)
+        for name in ("part", "mode", "variation", "candidates", "seed"):
+            column.prop(settings, name)
+        row = box.row()
+        row.scale_y = 1.5
+        row.enabled = bool(settings.take and settings.rig and not settings.doing)
+        row.operator(CBM_OT_bake_take.bl_idname, icon="PLAY")
