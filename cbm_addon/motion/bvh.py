@@ -229,6 +229,7 @@ def _read_motion_header(lines: _Lines) -> _MotionHeader:
 
 def _read_rows(lines: _Lines, channels: int) -> Array:
     """Frames float32 [T, channels]. Line by line: the text is never held, and a defect is found where it is."""
+    numbers: list[int] = []
 
     def rows() -> Iterator[Array]:
         for line in lines:
@@ -236,7 +237,8 @@ def _read_rows(lines: _Lines, channels: int) -> Array:
                 row = np.fromstring(line, dtype=np.float32, sep=" ")
             except (DeprecationWarning, ValueError):
                 row = np.empty(0, dtype=np.float32)
-            if len(row) == channels and np.isfinite(row).all():
+            if len(row) == channels:
+                numbers.append(lines.number)
                 yield row
             elif line.strip():
                 _explain_row(lines, line.split(), channels)
@@ -246,17 +248,19 @@ def _read_rows(lines: _Lines, channels: int) -> Array:
         values = np.fromiter(rows(), dtype=np.dtype((np.float32, channels)))
     if not len(values):
         raise InputError(lines.path, "no frames after 'Frame Time'; a motion needs at least one")
+    finite = np.isfinite(values).all(axis=1)
+    if not finite.all():
+        lines.number = numbers[int(np.argmin(finite))]
+        lines.fail("a value is not finite or far too large; every value of a frame must be a number within reason")
     return np.asarray(values, dtype=np.float32)
 
 
 def _explain_row(lines: _Lines, texts: list[str], channels: int) -> NoReturn:
     for text in texts:
         try:
-            finite = abs(float(text)) <= float(np.finfo(np.float32).max)
+            float(text)
         except ValueError:
-            finite = False
-        if not finite:
-            lines.fail(f"{text!r} is not a finite number; a frame is {channels} of them")
+            lines.fail(f"{text!r} is not a number; a frame is {channels} of them")
     lines.fail(f"{len(texts)} values; the channels of the hierarchy ask for {channels} in every frame")
 
 
