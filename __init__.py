@@ -35,17 +35,16 @@ def register() -> None:
     for cls in classes():
         bpy.utils.register_class(cls)
         registered.append(cls)
-    bpy.types.Scene.cbm = bpy.props.PointerProperty(type=registered[0])
+    settings = registered[0]
+    bpy.types.Scene.cbm = bpy.props.PointerProperty(type=settings)
     cli_commands.append(bpy.utils.register_cli_command("cbm", run_command))
 
 
 def unregister() -> None:
     import bpy
 
-    if hasattr(bpy.types.Scene, "cbm"):
-        del bpy.types.Scene.cbm
-    while cli_commands:
-        bpy.utils.unregister_cli_command(cli_commands.pop())
+    bpy.utils.unregister_cli_command(cli_commands.pop())
+    del bpy.types.Scene.cbm
     while registered:
         bpy.utils.unregister_class(registered.pop())
 

@@ -19,7 +19,7 @@ def replacing(path: str | Path, overwrite: bool) -> Generator[Path, None, None]:
 
 @contextmanager
 def replacing_all(paths: Iterable[str | Path], overwrite: bool) -> Generator[list[Path], None, None]:
-    """Yields one temporary path per output, beside it and with its suffix, for the body to write to.
+    """Yields one temporary path per output, absolute, beside it and with its suffix, for the body to write to.
 
     When the body ends well every file takes its final name; when it raises (Ctrl-C too) the temporary files are removed
     and what stood there before is untouched. Raises InputError before the body runs if an output cannot be made.
@@ -29,7 +29,7 @@ def replacing_all(paths: Iterable[str | Path], overwrite: bool) -> Generator[lis
         _check(output, overwrite)
     if len({output.resolve() for output in outputs}) < len(outputs):
         raise InputError(outputs[0], "is named twice as an output; give every output its own name")
-    temporaries = [output.with_name(f".{output.stem}.{os.getpid()}{output.suffix}") for output in outputs]
+    temporaries = [output.absolute().with_name(f".{output.stem}.{os.getpid()}{output.suffix}") for output in outputs]
     try:
         yield temporaries
         for temporary in temporaries:

@@ -1,1 +1,1 @@
-"""Panels: the sidebar, its preferences, and nothing that computes."""
+"""Panels: what is shown in the sidebar, and nothing that computes."""

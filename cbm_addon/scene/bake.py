@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import bpy
@@ -28,6 +28,7 @@ from .rig import read_rig
 
 MEASURED_FRAMES = 120  # on how many frames the evaluated rig is compared with the trackers
 CLOSE = 0.01  # metres
+PART = "cbm_part"  # custom property of a baked action
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class BakeOptions:
     """part "full" or "lower" (hips and legs are keyed, the animation of the rest stays what it is)."""
 
     part: Literal["full", "lower"] = "full"
-    solve: SolveOptions = SolveOptions()
+    solve: SolveOptions = field(default_factory=SolveOptions)
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,8 @@ def _write(armature: bpy.types.Object, name: str, frames: np.ndarray, channels: 
     data = armature.animation_data_create()
     previous, slot = data.action, getattr(data, "action_slot", None)
     action = write_action(armature, name, frames, channels)
-    if previous is not None and part == "lower":
+    action[PART] = part
+    if previous is not None and part == "lower" and previous.get(PART) != "lower":
         _play_below(data, previous, slot, frames)
     elif previous is not None:
         previous.use_fake_user = True  # or it would leave the file with its last user

@@ -18,18 +18,20 @@ from ..progress import Progress
 from ..takes.take import HEAD, Take
 from .action import Channel, scene_frames, scene_rate, write_action
 from .proxy import meshes_of
+from .silence import silence
 from .stage import add_camera, add_floor, add_markers
 from .takes import animate_tracker
 
 VIDEO_FRAMES = 300
 VIDEO_RATE = 12.0  # frames per second below which a video no longer shows how something moves
 VIDEO_SIZE = (640, 360)
+CHUNK = 15  # frames of a video from one event of progress to the next
 SHEET = (4, 2)  # pictures side by side, one below the other
 SHEET_SIZE = (400, 400)
 CAMERA_SECONDS = 1.0  # the camera follows the head's path under a Gaussian of this standard deviation
 CAMERA_RATE = 10.0  # keys per second of the camera
 ABOVE_HEAD = 1.13  # height of a body over that of its head joint
-ROOM = 0.45  # metres around the body
+ROOM = 0.5  # metres around the body
 MARGIN = 3.0  # metres of floor around the path
 BACKGROUND = (0.16, 0.17, 0.19)
 SUFFIXES = {".mp4": "a video", ".png": "a sheet of pictures"}
@@ -92,7 +94,6 @@ def _look(stage: bpy.types.Scene) -> None:
     stage.view_settings.view_transform = "Standard"
     stage.render.engine = "BLENDER_WORKBENCH"
     stage.render.use_file_extension = False
-    stage.display.render_aa = "5"
     shading = stage.display.shading
     shading.light, shading.color_type = "STUDIO", "MATERIAL"
     shading.show_shadows = shading.show_cavity = True
@@ -104,7 +105,7 @@ def _follow(stage: bpy.types.Scene, shot: Shot, size: tuple[int, int]) -> None:
     stage.render.resolution_x, stage.render.resolution_y = size
     take = shot.take
     facing = float(yaw_from_quat(take.rotations[0, HEAD]))
-    camera = add_camera(stage, stage.collection, facing, ABOVE_HEAD * shot.head_height, ROOM * shot.scale)
+    camera = add_camera(stage, stage.collection, facing, 2 * ROOM * shot.scale, ABOVE_HEAD * shot.head_height + ROOM * shot.scale)
     times = np.arange(take.times[0], take.times[-1] + 1 / CAMERA_RATE, 1 / CAMERA_RATE)
     path = _smooth(lerp_samples(take.times, take.positions[:, HEAD], times) * np.float32(shot.scale), CAMERA_SECONDS * CAMERA_RATE)
     path[:, 2] = 0
@@ -134,13 +135,17 @@ def video_frames(first: int, last: int, rate: float) -> tuple[range, float]:
 
 def _video(stage: bpy.types.Scene, shot: Shot, path: Path) -> Generator[Progress, None, None]:
     _follow(stage, shot, VIDEO_SIZE)
+    stage.display.render_aa = "FXAA"
     frames, rate = video_frames(stage.frame_start, _last_frame(stage, shot), scene_rate(stage))
     with tempfile.TemporaryDirectory() as folder:
-        pictures = []
-        for i, frame in enumerate(frames):
-            yield Progress(i / len(frames), f"rendering {path.suffix[1:]}")
-            pictures.append(_picture(stage, frame, Path(folder, f"{i:04}.png")))
-        _encode(stage, pictures, rate, path)
+        stage.render.filepath = str(Path(folder, "####.png"))
+        stage.frame_step = frames.step
+        for start in range(0, len(frames), CHUNK):
+            yield Progress(start / len(frames), f"rendering {path.suffix[1:]}")
+            chunk = frames[start : start + CHUNK]
+            stage.frame_start, stage.frame_end = chunk[0], chunk[-1]
+            _render(stage, animation=True)
+        _encode(stage, sorted(Path(folder).iterdir()), rate, path)
 
 
 def _encode(stage: bpy.types.Scene, pictures: list[Path], rate: float, path: Path) -> None:
@@ -151,7 +156,7 @@ def _encode(stage: bpy.types.Scene, pictures: list[Path], rate: float, path: Pat
     strip = strips.new_image("pictures", str(pictures[0]), 1, stage.frame_start)
     for picture in pictures[1:]:
         strip.elements.append(picture.name)
-    stage.frame_end = stage.frame_start + len(pictures) - 1
+    stage.frame_end, stage.frame_step = stage.frame_start + len(pictures) - 1, 1
     render.fps, render.fps_base = round(rate), round(rate) / rate
     if hasattr(render.image_settings, "media_type"):
         render.image_settings.media_type = "VIDEO"
@@ -159,7 +164,7 @@ def _encode(stage: bpy.types.Scene, pictures: list[Path], rate: float, path: Pat
     render.ffmpeg.format, render.ffmpeg.codec = "MPEG4", "H264"
     render.ffmpeg.constant_rate_factor = "HIGH"
     render.filepath = str(path)
-    bpy.ops.render.render(animation=True, scene=stage.name)
+    _render(stage, animation=True)
 
 
 def _sheet(stage: bpy.types.Scene, shot: Shot, path: Path) -> Generator[Progress, None, None]:
@@ -182,10 +187,14 @@ def _sheet(stage: bpy.types.Scene, shot: Shot, path: Path) -> Generator[Progress
 
 def _picture(stage: bpy.types.Scene, frame: int, path: Path) -> Path:
     stage.frame_set(frame)
-    stage.render.image_settings.file_format = "PNG"
     stage.render.filepath = str(path)
-    bpy.ops.render.render(write_still=True, scene=stage.name)
+    _render(stage, write_still=True)
     return path
+
+
+def _render(stage: bpy.types.Scene, **how: bool) -> None:
+    with silence(), bpy.context.temp_override(scene=stage):  # naming the scene to the operator would not evaluate its animation
+        bpy.ops.render.render(**how)
 
 
 def _pixels(path: Path) -> Array:

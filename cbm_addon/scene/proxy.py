@@ -24,7 +24,7 @@ COLOURS = {
 # All sizes are shares of the standing height of the head joint (1.6 m in an adult): half width and half depth along a part, from its
 # joint (0) to the next (1).
 LIMBS = {
-    "Shoulder": ((0.0, 0.022, 0.022), (1.0, 0.036, 0.036)),
+    "Shoulder": ((0.0, 0.010, 0.010), (0.5, 0.024, 0.024), (1.0, 0.034, 0.036)),
     "Arm": ((0.0, 0.034, 0.034), (0.35, 0.033, 0.034), (1.0, 0.024, 0.025)),
     "ForeArm": ((0.0, 0.025, 0.026), (0.3, 0.027, 0.026), (1.0, 0.017, 0.016)),
     "UpLeg": ((0.0, 0.054, 0.058), (0.3, 0.053, 0.056), (1.0, 0.034, 0.036)),
@@ -32,12 +32,13 @@ LIMBS = {
     "Neck": ((0.0, 0.036, 0.036), (1.0, 0.033, 0.035)),
 }
 # The trunk, by height from the hip joints (0) to the arm joints (1).
-TRUNK = ((-0.12, 0.082, 0.062), (0.05, 0.100, 0.070), (0.35, 0.086, 0.060), (0.75, 0.104, 0.072), (0.95, 0.106, 0.066), (1.08, 0.070, 0.046))
+TRUNK = ((-0.12, 0.082, 0.062), (0.05, 0.100, 0.070), (0.35, 0.086, 0.060), (0.75, 0.104, 0.072), (0.93, 0.106, 0.066), (1.02, 0.084, 0.054), (1.12, 0.042, 0.038))
 PALM = ((0.0, 0.018, 0.012), (0.5, 0.026, 0.013), (1.0, 0.024, 0.010))
 FINGER = 0.0055
 HEAD = (0.050, 0.062, 0.078)  # half sizes
 ALIGNED = 0.7  # cosine between a bone and the part that it runs along
 BESIDE = 0.04  # how far its ends may be from the part
+SHORTEST = 0.025
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,7 @@ def _that_matter(body: _Body, joint: str, end: np.ndarray, bones: list[str]) -> 
     def along(bone: str) -> bool:
         head, tail = rig.head(bone), rig.tail(bone)
         beside = max(_distance(head, start, end), _distance(tail, start, end)) < BESIDE * body.unit
-        return beside and abs(np.dot(normalize(tail - head), normalize(end - start))) > ALIGNED
+        return beside and np.linalg.norm(tail - head) > SHORTEST * body.unit and abs(np.dot(normalize(tail - head), normalize(end - start))) > ALIGNED
 
     return [bone for bone in bones if along(bone)]
 
@@ -189,9 +190,10 @@ def _piece(body: _Body, joint: str, end: np.ndarray, bone: str) -> Iterator[Piec
     else:
         bottom = (body.heads["LeftUpLeg"] + body.heads["RightUpLeg"]) / 2
         top = (body.heads["LeftArm"] + body.heads["RightArm"]) / 2
+        head, tail = head - 0.1 * (tail - head), tail + 0.1 * (tail - head)  # pieces overlap, so that a bent trunk shows no gaps
         if name == "Hips":  # the pelvis reaches below its bone
-            head = head + [0, 0, -0.05 * unit]
-        yield Piece(bone, _tube(head, tail, _scaled(_between(TRUNK, bottom, top, head, tail), unit), body.left), material)
+            head = head - np.array([0, 0, 0.04 * unit])
+        yield Piece(bone, _tube(head, tail, _scaled(_between(TRUNK, bottom, top, head, tail), unit), body.left, 0.25), material)
 
 
 Profile = tuple[tuple[float, float, float], ...]
@@ -212,7 +214,7 @@ def _between(profile: Profile, start: np.ndarray, end: np.ndarray, head: np.ndar
     return tuple(zip(own.tolist(), np.interp(at, shares, widths).tolist(), np.interp(at, shares, depths).tolist(), strict=True))
 
 
-def _tube(head: np.ndarray, tail: np.ndarray, profile: Profile, width_axis: np.ndarray) -> np.ndarray:
+def _tube(head: np.ndarray, tail: np.ndarray, profile: Profile, width_axis: np.ndarray, roundness: float = 0.6) -> np.ndarray:
     """Rings of a tube from head to tail with rounded ends; `width_axis` is made perpendicular to it."""
     along = tail - head
     length = np.linalg.norm(along)
@@ -227,7 +229,7 @@ def _tube(head: np.ndarray, tail: np.ndarray, profile: Profile, width_axis: np.n
 
     rings = [ring(head + share * along, width, depth) for share, width, depth in profile]
     for outward, (share, width, depth) in ((-direction, profile[0]), (direction, profile[-1])):
-        centre, bulge = head + share * along, 0.6 * min(width, depth)
+        centre, bulge = head + share * along, roundness * min(width, depth)
         cap = [ring(centre + outward * bulge * np.sin(turn), width * np.cos(turn), depth * np.cos(turn)) for turn in np.radians((35, 65, 85))]
         # The ring at the edge is there twice, so that the cap does not bend the shading of the tube.
         rings = [*cap[::-1], rings[0], *rings] if outward is not direction else [*rings, rings[-1], *cap]
@@ -264,7 +266,7 @@ def _sole_rings(body: _Body, joint: str, bone: str) -> np.ndarray:
 def _head(body: _Body, bone: str) -> Iterator[Piece]:
     """A skull, and over its eyes the headset that shows where it faces."""
     width, depth, height = (size * body.unit for size in HEAD)
-    centre = body.heads["Head"] + body.front * 0.016 * body.unit + np.array([0, 0, 0.9 * height])
+    centre = body.heads["Head"] + body.front * 0.016 * body.unit + np.array([0, 0, 0.72 * height])
     turns = np.radians(np.linspace(-88, 88, 9))
     angles = 2 * np.pi * np.arange(SIDES) / SIDES
     circle = np.cos(angles)[:, None] * body.left * width - np.sin(angles)[:, None] * body.front * depth

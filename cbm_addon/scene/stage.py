@@ -15,7 +15,7 @@ TILE = 0.5  # metres
 MARKER_COLOURS = {"head": (0.10, 0.62, 0.22, 1), "left": (0.10, 0.45, 0.95, 1), "right": (0.95, 0.22, 0.10, 1)}
 MARKER_SIZE = 0.11  # metres from the middle to a tip
 VIEW = Vector((0.62, -1.0, 0.30)).normalized()  # from the subject to the camera, of a subject that faces -Y
-LENS = 50.0  # millimetres, on a sensor of 36
+LENS, SENSOR = 50.0, 36.0  # millimetres
 
 
 def add_floor(collection: bpy.types.Collection, corners: Array, margin: float) -> bpy.types.Object:
@@ -39,15 +39,17 @@ def add_floor(collection: bpy.types.Collection, corners: Array, margin: float) -
     return floor
 
 
-def add_camera(scene: bpy.types.Scene, collection: bpy.types.Collection, facing: float, height: float, room: float) -> bpy.types.Object:
-    """The scene's camera, seen from which a subject `height` tall with `room` around it fills the picture; it looks at the world origin's
-    subject, which faces the angle `facing` (radians about Z from -Y). Move it with the subject."""
+def add_camera(scene: bpy.types.Scene, collection: bpy.types.Collection, facing: float, width: float, height: float) -> bpy.types.Object:
+    """The scene's camera, in whose picture a body at the world's origin fits that is `width` across and `height` tall and faces the angle
+    `facing` (radians about Z, from -Y). Move it along with the body."""
     camera = bpy.data.objects.new("CBM Camera", bpy.data.cameras.new("CBM Camera"))
     camera.data.lens = LENS
     collection.objects.link(camera)
     scene.camera = camera
     aspect = scene.render.resolution_y / scene.render.resolution_x
-    distance = (height + room) / 2 / math.tan(math.atan(18 / LENS * aspect))
+    half = SENSOR / 2 / LENS  # of the picture's longer side, at a distance of 1
+    across, upright = half / max(aspect, 1), half * min(aspect, 1)
+    distance = max(width / 2 / across, height / 2 / upright) + width / 4
     away = Vector((*_turned(VIEW.xy, facing), VIEW.z))
     camera.location = Vector((0, 0, 0.48 * height)) + away * distance
     camera.rotation_euler = away.to_track_quat("Z", "Y").to_euler()
@@ -76,7 +78,7 @@ def _cross(size: float) -> tuple[list, list, list]:
     """Three thin double spikes along the axes."""
     points, faces = [], []
     for axis in np.eye(3):
-        across = 0.08 * size * np.roll(np.eye(3), 0, axis=0)[axis == 0]
+        across = 0.1 * size * np.eye(3)[axis == 0]
         first = len(points)
         points += [size * axis, -size * axis, *across, *-across]
         faces += [(first + tip, first + 2 + corner, first + 2 + (corner + 1) % 4) for tip in (0, 1) for corner in range(4)]

@@ -9,17 +9,19 @@ from ..takes.take import DEVICES, Take
 from .action import Channel, scene_frames, write_action
 
 EMPTY_SIZE = 0.1  # metres
+TAKE = "cbm_take"  # custom property of a collection of trackers: the name of the take that it shows
 
 
 def tracker_empties(context: bpy.types.Context, take: Take) -> bpy.types.Collection:
     """A collection in the scene with three empties, animated with a calibrated take from the scene's start frame.
 
-    What an earlier call made of the same take is replaced.
+    It takes the place of the one that showed the same take before.
     """
-    name = f"{take.name} trackers"
-    if (earlier := context.scene.collection.children.get(name)) is not None:
-        _remove(earlier)
-    collection = bpy.data.collections.new(name)
+    for earlier in [collection for collection in context.scene.collection.children if collection.get(TAKE) == take.name]:
+        actions = {obj.animation_data.action for obj in earlier.objects if obj.animation_data}
+        bpy.data.batch_remove([*earlier.objects, earlier, *(action for action in actions if action)])
+    collection = bpy.data.collections.new(f"{take.name} trackers")
+    collection[TAKE] = take.name
     context.scene.collection.children.link(collection)
     for device in DEVICES:
         empty = bpy.data.objects.new(f"{take.name} {device}", None)
@@ -39,8 +41,3 @@ def animate_tracker(obj: bpy.types.Object, scene: bpy.types.Scene, take: Take, d
         Channel("rotation_quaternion", take.rotations[:, index], "Transform"),
     ]
     return write_action(obj, f"{take.name} {device}", scene_frames(scene, take.times, scene.frame_start), channels, fake_user=False)
-
-
-def _remove(collection: bpy.types.Collection) -> None:
-    actions = [empty.animation_data.action for empty in collection.objects if empty.animation_data]
-    bpy.data.batch_remove([*collection.objects, *(action for action in actions if action), collection])

@@ -53,6 +53,15 @@ def test_interrupted_body_leaves_the_folder_as_it_was(tmp_path, interruption):
     assert names(tmp_path) == ["take.bvh"]
 
 
+def test_the_file_may_be_named_from_the_working_folder(tmp_path, monkeypatch):
+    """Blender reads relative paths in its own way: what the body gets is absolute."""
+    monkeypatch.chdir(tmp_path)
+    with replacing("take.bvh", overwrite=False) as temporary:
+        assert temporary.is_absolute()
+        temporary.write_text("new")
+    assert names(tmp_path) == ["take.bvh"]
+
+
 def test_several_files_appear_together_or_not_at_all(tmp_path):
     outputs = [tmp_path / "bake.blend", tmp_path / "bake.png"]
     with pytest.raises(FileNotFoundError), replacing_all(outputs, overwrite=False) as (blend, _picture):

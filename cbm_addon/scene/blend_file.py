@@ -1,0 +1,69 @@
+"""Blend files that a command reads and writes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..errors import InputError
+from ..motion.rotations import yaw_from_quat
+from ..takes.take import HEAD, Take
+from .action import scene_rate
+from .preview import ABOVE_HEAD, MARGIN, ROOM
+from .silence import silence
+from .stage import add_camera, add_floor
+
+RATE = 30  # frames per second of a new file
+
+
+def open_blend(path: Path) -> None:
+    """Opens a blend file; InputError if there is none or it cannot be read."""
+    if not path.is_file():
+        raise InputError(path, "does not exist; name a .blend file")
+    try:
+        with silence():
+            bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+    except RuntimeError as error:
+        raise InputError(path, f"cannot be opened ({str(error).strip().splitlines()[-1]}); a .blend file is needed") from error
+
+
+def is_new() -> bool:
+    """Whether what is open is no file of the user's, but what Blender starts with."""
+    return not bpy.data.filepath
+
+
+def start_empty() -> bpy.types.Scene:
+    """Empties the file that Blender started with. Reading an empty one instead would unregister the extension that runs this."""
+    bpy.data.batch_remove([*bpy.data.objects, *bpy.data.collections])
+    bpy.data.orphans_purge(do_recursive=True)
+    scene = bpy.context.scene
+    scene.render.fps, scene.render.fps_base, scene.frame_start = RATE, 1.0, 1
+    return scene
+
+
+def furnish(scene: bpy.types.Scene, take: Take, scale: float, head_height: float) -> None:
+    """What a new file with a bake needs to open well: its length, a floor, and a camera that sees the whole way, looked through.
+
+    scale        world units per metre of the take
+    head_height  standing height of the head joint, world units
+    """
+    scene.frame_end = scene.frame_start + int(take.seconds * scene_rate(scene))
+    path = take.positions[:, HEAD] * np.float32(scale)
+    corners = np.stack((path.min(0), path.max(0)))
+    add_floor(scene.collection, corners, MARGIN * scale)
+    span = float(np.max(corners[1, :2] - corners[0, :2]))
+    facing = float(yaw_from_quat(take.rotations[0, HEAD]))
+    camera = add_camera(scene, scene.collection, facing, span + 2 * ROOM * scale, ABOVE_HEAD * head_height + ROOM * scale)
+    camera.location.xy = np.array(camera.location.xy) + corners[:, :2].mean(0)
+    for screen in bpy.data.screens:
+        for area in screen.areas:
+            if area.type == "VIEW_3D":
+                area.spaces.active.region_3d.view_perspective = "CAMERA"
+
+
+def save_blend(path: Path) -> None:
+    """Saves a copy; what is open stays what it is."""
+    with silence():
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=True)
