@@ -21,6 +21,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import NoReturn
 
 REPOSITORY = Path(__file__).resolve().parent
 PACKAGE = "bl_ext.user_default.cbm"
@@ -64,7 +65,7 @@ def main() -> int:
         if args.check:
             check_libraries()
         elif args.run:
-            return run_installed(Path(args.run[0]), args.run[1:])
+            leave(run_installed(Path(args.run[0]), args.run[1:]))
         elif args.all:
             for name in PLATFORMS:
                 print(build(args.output, name, PYTHONS, f"-{name.replace('-', '_')}"))
@@ -169,6 +170,13 @@ def run_installed(zip_file: Path, argv: list[str]) -> int:
         bpy.ops.extensions.package_install_files(filepath=str(zip_file.resolve()), repo="user_default", enable_on_install=False)
         bpy.ops.preferences.addon_enable(module=PACKAGE)
         return sys.modules[PACKAGE].run_command(argv)
+
+
+def leave(code: int) -> NoReturn:
+    """Ends the process without Blender's own teardown, which crashes in the bpy module of Blender 4.2 once Rigify was enabled."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 if __name__ == "__main__":

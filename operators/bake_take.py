@@ -20,7 +20,7 @@ class CBM_OT_bake_take(bpy.types.Operator, ModalJob):
     bl_idname = "cbm.bake_take"
     bl_label = "Bake Take"
     bl_description = "Solve the take for the rig and write the body's animation as a new action; Esc cancels and changes nothing"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
 
     take: bpy.props.StringProperty(name="Take", description="The recording; the panel's if empty", subtype="FILE_PATH", options={"SKIP_SAVE"})
     rig: bpy.props.StringProperty(name="Rig", description="Name of the armature; the panel's or the active one if empty", options={"SKIP_SAVE"})
@@ -37,9 +37,9 @@ class CBM_OT_bake_take(bpy.types.Operator, ModalJob):
         return bake(context, self._armature(context), calibrated, model, BakeOptions(settings.part, settings.solve_options()))
 
     def finish(self, context: bpy.types.Context, result: BakeReport) -> None:
-        self.report({"INFO"}, f"{result.action}: {result.frames} frames at {result.fps:g} fps in {result.seconds:.1f} s")
         for device, error in result.tracker_errors.items():
             self.report({"INFO"}, f"{device} within 1 cm of its tracker at {error.share_within_1_cm:.0%} of frames, {error.max_cm:.1f} cm at most")
+        self.report({"INFO"}, f"{result.action}: {result.frames} frames at {result.fps:g} fps in {result.seconds:.1f} s")
 
     def _armature(self, context: bpy.types.Context) -> bpy.types.Object:
         if self.rig:

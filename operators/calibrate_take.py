@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 
 from ..cbm_addon.errors import InputError
-from .import_take import load_take
+from .import_take import load_take, report_lines
 from .properties import CALIBRATION_NAMES, CalibrationProperties
 
 
@@ -39,6 +39,5 @@ class CBM_OT_calibrate_take(bpy.types.Operator, CalibrationProperties):
                 setattr(settings, name, value)
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        for line in lines:
-            self.report({"WARNING" if line.startswith("!") else "INFO"}, line)
+        report_lines(self, lines)
         return {"FINISHED"}

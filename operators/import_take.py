@@ -25,6 +25,11 @@ def load_take(context: bpy.types.Context, path: Path) -> list[str]:
     return lines
 
 
+def report_lines(operator: bpy.types.Operator, lines: list[str]) -> None:
+    for line in lines:
+        operator.report({"WARNING" if line.startswith("!") else "INFO"}, line.removeprefix("! "))
+
+
 class CBM_OT_import_take(bpy.types.Operator, ImportHelper):
     bl_idname = "cbm.import_take"
     bl_label = "Import Take"
@@ -39,6 +44,5 @@ class CBM_OT_import_take(bpy.types.Operator, ImportHelper):
         except InputError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        for line in lines:
-            self.report({"WARNING" if line.startswith("!") else "INFO"}, line)
+        report_lines(self, lines)
         return {"FINISHED"}

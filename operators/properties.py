@@ -78,8 +78,6 @@ class CBM_PG_settings(bpy.types.PropertyGroup, CalibrationProperties):
         name="Part",
         items=[("full", "Full Body", "Key the whole body"), ("lower", "Hips and Legs", "Key hips and legs only; the animation of the upper body stays")],
     )
-    progress: bpy.props.FloatProperty(name="Progress", subtype="FACTOR", min=0, max=1, options={"SKIP_SAVE"})
-    doing: bpy.props.StringProperty(name="Doing", description="What runs now", options={"SKIP_SAVE"})
 
     def solve_options(self) -> SolveOptions:
         return SolveOptions(self.mode, self.candidates, self.variation, self.seed)

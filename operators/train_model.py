@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import queue
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Generator
+import threading
+from collections.abc import Generator, Iterator
 from pathlib import Path
+from typing import IO
 
 import bpy
 
@@ -20,20 +23,22 @@ from ..cbm_addon.scene.modal import ModalJob
 def training(python: str, arguments: list[str]) -> Generator[Progress, None, str]:
     """Runs `python -m cbm_addon train …` and yields its progress, which it prints as JSON lines; returns its last words.
 
-    Closing the generator ends the training; its checkpoints stay. InputError with the trainer's own line if it fails.
+    It also yields while the training says nothing, so that the window stays awake. Closing the generator ends the training; its checkpoints
+    stay. InputError with the trainer's own line if it fails.
     """
     engine = Path(__file__).parent.parent
     command = [python, "-m", "cbm_addon", "train", *arguments, "--json-lines"]
-    said = ""
+    said, progress = "", Progress(0, "starting the training")
     with tempfile.TemporaryFile("w+") as errors:
         process = subprocess.Popen(command, cwd=engine, env={**os.environ, "PYTHONUNBUFFERED": "1"}, stdout=subprocess.PIPE, stderr=errors, text=True)
         assert process.stdout is not None
         try:
-            for line in process.stdout:
-                event = json.loads(line)
+            for line in lines_or_silence(process.stdout):
+                event = json.loads(line or "{}")
                 said = event.get("said", said)
                 if "share" in event:
-                    yield Progress(event["share"], event["message"])
+                    progress = Progress(event["share"], event["message"])
+                yield progress
             if process.wait():
                 errors.seek(0)
                 last = (errors.read().strip().splitlines() or [f"exit code {process.returncode}"])[-1]
@@ -42,8 +47,29 @@ def training(python: str, arguments: list[str]) -> Generator[Progress, None, str
             if process.poll() is None:
                 process.terminate()
                 process.wait()
-            process.stdout.close()
     return said
+
+
+def lines_or_silence(stream: IO[str]) -> Iterator[str]:
+    """The lines of a pipe as they come, and an empty text whenever none came within a tenth of a second. Closes the pipe at its end."""
+    lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+
+    def read() -> None:
+        with stream:
+            for line in stream:
+                lines.put(line)
+        lines.put(None)
+
+    threading.Thread(target=read, daemon=True).start()
+    while True:
+        try:
+            line = lines.get(timeout=0.1)
+        except queue.Empty:
+            yield ""
+            continue
+        if line is None:
+            return
+        yield line
 
 
 class CBM_OT_train_model(bpy.types.Operator, ModalJob):

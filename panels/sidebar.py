@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
+import textwrap
 from pathlib import PurePath
 
 import bpy
 
+from ..cbm_addon.scene.modal import ModalJob
 from ..operators.bake_take import CBM_OT_bake_take
 from ..operators.calibrate_take import CBM_OT_calibrate_take
 from ..operators.import_mocap import CBM_OT_import_mocap
@@ -13,7 +16,8 @@ from ..operators.import_take import CBM_OT_import_take
 from ..operators.load_model import CBM_OT_load_model
 from ..operators.train_model import CBM_OT_train_model
 
-FINDINGS_SHOWN = 6
+FINDINGS_SHOWN = 8
+WHY = re.compile(r" \((\w+).*\)$")  # of a constant: whether it was measured, given or assumed, and more that has no room in a sidebar
 
 
 class CBM_PT_sidebar(bpy.types.Panel):
@@ -25,15 +29,17 @@ class CBM_PT_sidebar(bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         settings = context.scene.cbm
         layout = self.layout
-        if settings.doing:
-            layout.progress(factor=settings.progress, text=settings.doing)
+        if ModalJob.running:
+            progress = ModalJob.running.progress
+            layout.progress(factor=progress.share, text=progress.message)
             layout.label(text="Esc cancels")
-        self._take(layout.box(), settings)
+        letters = _letters(context)
+        self._take(layout.box(), settings, letters)
         self._rig(layout.box(), settings)
-        self._model(layout.box(), settings)
+        self._model(layout.box(), settings, letters)
         self._bake(layout.box(), settings)
 
-    def _take(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+    def _take(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup, letters: int) -> None:
         box.label(text="1. Take", icon="REC")
         name = PurePath(settings.take).name if settings.take else "Choose a Recording"
         box.operator(CBM_OT_import_take.bl_idname, text=name, icon="FILEBROWSER")
@@ -44,7 +50,7 @@ class CBM_PT_sidebar(bpy.types.Panel):
             warnings = [line for line in lines if line.startswith("!")]
             plain = [line for line in lines if not line.startswith("!")]
             for line in (warnings + plain)[:FINDINGS_SHOWN]:
-                column.label(text=line.removeprefix("! "), icon="ERROR" if line in warnings else "DOT")
+                _label(column, WHY.sub(r" (\1)", line.removeprefix("! ")), letters, "ERROR" if line in warnings else "DOT")
             box.operator(CBM_OT_calibrate_take.bl_idname, icon="EMPTY_ARROWS")
 
     def _rig(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
@@ -52,9 +58,11 @@ class CBM_PT_sidebar(bpy.types.Panel):
         box.prop(settings, "rig", text="")
         box.operator(CBM_OT_import_mocap.bl_idname, icon="IMPORT")
 
-    def _model(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+    def _model(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup, letters: int) -> None:
         box.label(text="3. Model", icon="NETWORK_DRIVE")
-        box.label(text=settings.model_summary or "The shipped model")
+        column = box.column(align=True)
+        column.scale_y = 0.8
+        _label(column, settings.model_summary or "The shipped model", letters, "DOT")
         row = box.row(align=True)
         row.operator(CBM_OT_load_model.bl_idname, icon="FILE_FOLDER")
         row.operator(CBM_OT_train_model.bl_idname, icon="PREFERENCES")
@@ -66,5 +74,17 @@ class CBM_PT_sidebar(bpy.types.Panel):
             column.prop(settings, name)
         row = box.row()
         row.scale_y = 1.5
-        row.enabled = bool(settings.take and settings.rig and not settings.doing)
+        row.enabled = bool(settings.take and settings.rig)
         row.operator(CBM_OT_bake_take.bl_idname, icon="PLAY")
+
+
+def _letters(context: bpy.types.Context) -> int:
+    """About how many letters fit beside an icon, inside a box of the sidebar."""
+    return max(20, int((context.region.width / context.preferences.system.ui_scale - 85) / 6.2))
+
+
+def _label(column: bpy.types.UILayout, text: str, letters: int, icon: str) -> None:
+    """A label of as many lines as the text needs."""
+    for line in textwrap.wrap(text, letters):
+        column.label(text=line, icon=icon)
+        icon = "BLANK1"

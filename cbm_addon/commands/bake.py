@@ -15,8 +15,6 @@ from .calibration import add_calibration_arguments, calibration_options, read_ca
 from .solve import add_solve_arguments, solve_options
 
 if TYPE_CHECKING:
-    import bpy
-
     from ..solve.perform import SolveOptions
     from ..takes.calibrate import Calibrated
 
@@ -43,7 +41,7 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
         from ..scene import blend_file
         from ..scene.bake import BakeOptions, bake
         from ..scene.preview import Shot, check_preview, render_preview
-        from ..scene.proxy import add_proxy, has_mesh
+        from ..scene.proxy import add_proxy, meshes_of
     except ModuleNotFoundError as error:
         raise InputError(error.name or "bpy", "is not installed here; run `bake` inside Blender, or `pip install bpy`") from error
     from ..outputs import replacing_all
@@ -51,7 +49,7 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
 
     started = time.perf_counter()
     options = solve_options(args)
-    _check(args)
+    _check(args, args.blend or blend_file.opened())
     for preview in args.preview:
         check_preview(preview)
     with replacing_all([args.output, *args.preview], args.overwrite) as (blend, *previews):
@@ -60,21 +58,21 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
         for path, calibrated in zip(args.takes, recordings, strict=True):
             for warning in calibrated.calibration.warnings:
                 console.say(f"{path}: {warning}")
-        armature, scene, is_new = _target(args)
+        target = blend_file.open_target(args.blend, args.rig, args.preset)
         wanted = list(_wanted(args.takes, recordings, options, args.variations))
         bakes: list[dict[str, Any]] = []
         for path, calibrated, solve in reversed(wanted):  # so that the first is the one that the armature is left with
-            job = bake(_context(), armature, calibrated, model, BakeOptions(args.part, solve))
+            job = bake(target.context, target.armature, calibrated, model, BakeOptions(args.part, solve))
             report = console.run(job)
             bakes.insert(0, {"take": path, "variation": solve.variation, **asdict(report), "calibration": calibrated.calibration.as_dict()})
-        if not has_mesh(armature):
-            add_proxy(armature)
+        if not meshes_of(target.armature):
+            add_proxy(target.armature)
         first, scale = recordings[0], bakes[0]["scale"]
         head_height = first.calibration.head_height * scale
-        if is_new:
-            blend_file.furnish(scene, first.take, scale, head_height)
+        if target.is_new:
+            blend_file.furnish(target.context.scene, first.take, scale, head_height)
         for preview in previews:
-            console.run(render_preview(scene, Shot(armature, first.take, scale, head_height), preview))
+            console.run(render_preview(target.context.scene, Shot(target.armature, first.take, scale, head_height), preview))
         blend_file.save_blend(blend)
     seconds = time.perf_counter() - started
     for made in bakes:
@@ -84,7 +82,7 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
     return {
         "output": args.output,
         "previews": args.preview,
-        "rig": armature.name,
+        "rig": target.armature.name,
         "part": args.part,
         "model": model.name,
         "mode": options.mode,
@@ -93,50 +91,21 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
     }
 
 
-def _check(args: argparse.Namespace) -> None:
+def _check(args: argparse.Namespace, source: Path | None) -> None:
     if args.variations < 1:
         raise InputError("--variations", f"is {args.variations}; at least 1 is needed")
     if args.blend and not args.blend.is_file():
         raise InputError(args.blend, "does not exist; name a .blend file")
-    if args.blend and args.output.resolve() == args.blend.resolve():
+    if source and args.output.resolve() == source.resolve():
         raise InputError(args.output, "is the file that is read; write to another one")
     if args.output.suffix.lower() != ".blend":
         raise InputError(args.output, "must end in .blend")
 
 
-def _wanted(
-    paths: list[Path], recordings: list[Calibrated], options: SolveOptions, variations: int
-) -> Iterator[tuple[Path, Calibrated, SolveOptions]]:
+def _wanted(paths: list[Path], recordings: list[Calibrated], options: SolveOptions, variations: int) -> Iterator[tuple[Path, Calibrated, SolveOptions]]:
     for path, calibrated in zip(paths, recordings, strict=True):
         for variation in range(options.variation, options.variation + variations):
             yield path, calibrated, replace(options, variation=variation)
-
-
-def _target(args: argparse.Namespace) -> tuple[bpy.types.Object, bpy.types.Scene, bool]:
-    """The armature, its scene, and whether the file is a new one of ours."""
-    from ..scene import blend_file
-    from ..scene.rig import find_armature
-    from ..scene.rigify import rigify_human, rigify_metarig
-    from ..scene.silence import silence
-
-    if args.blend:
-        blend_file.open_blend(args.blend)
-    is_new = bool(args.preset) and blend_file.is_new()
-    if is_new:
-        blend_file.start_empty()
-    context = _context()
-    if args.preset:
-        with silence():
-            armature = (rigify_human if args.preset == "rigify" else rigify_metarig)(context)
-    else:
-        armature = find_armature(args.rig)
-    return armature, context.scene, is_new
-
-
-def _context() -> bpy.types.Context:
-    import bpy
-
-    return bpy.context
 
 
 def _summary(made: dict[str, Any]) -> str:

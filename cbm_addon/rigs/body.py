@@ -56,7 +56,7 @@ def _alignment(rig: Rig) -> dict[str, Array]:
     feet turned only about Z so that soles stay flat, the trunk upright as it is."""
     joints = rig.mapping.joints
     heads = {joint: rig.head(bone) for joint, bone in joints.items()}
-    across = sum(heads[f"Left{name}"] - heads[f"Right{name}"] for name in ("UpLeg", "Arm"))
+    across = np.sum([heads[f"Left{name}"] - heads[f"Right{name}"] for name in ("UpLeg", "Arm")], axis=0)
     facing = quat_from_yaw(-np.arctan2(across[1], across[0]))
     alignment = dict.fromkeys(joints, facing)
 

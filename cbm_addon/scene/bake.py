@@ -86,7 +86,7 @@ def bake(
     yield Progress(0.95, "writing keys")
     frames = scene_frames(scene, motion.times, scene.frame_start)
     name = f"{calibrated.take.name}_variation{options.solve.variation}"
-    action = _write(armature, name, frames, list(_channels(armature, rig, solved, motion, options.part)), options.part)
+    action = _write(armature, name, frames, list(rig_channels(armature, rig, solved, motion, options.part)), options.part)
     measured, errors = np.empty(0), {}
     if options.part == "full":
         measured = np.unique(np.linspace(0, len(frames) - 1, MEASURED_FRAMES).round().astype(int))
@@ -115,7 +115,8 @@ def solve_on_rig(solved: RigBody, calibrated: Calibrated, model: Model, options:
     return replace(motion, skeleton=solved.body, root=motion.root * np.float32(scale))
 
 
-def _channels(armature: bpy.types.Object, rig: Rig, solved: RigBody, motion: Motion, part: str) -> Iterator[Channel]:
+def rig_channels(armature: bpy.types.Object, rig: Rig, solved: RigBody, motion: Motion, part: str = "full") -> Iterator[Channel]:
+    """The curves that make the rig do a motion of its own body, and the switches that they rely on."""
     for pose in bone_poses(rig, solved, motion):
         if part == "full" or pose.control.lower:
             bone = armature.pose.bones[pose.control.bone]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -12,10 +13,22 @@ from ..motion.rotations import yaw_from_quat
 from ..takes.take import HEAD, Take
 from .action import scene_rate
 from .preview import ABOVE_HEAD, MARGIN, ROOM
+from .rig import find_armature
+from .rigify import rigify_human, rigify_metarig
 from .silence import silence
 from .stage import add_camera, add_floor
 
 RATE = 30  # frames per second of a new file
+PRESETS = {"rigify": rigify_human, "rigify-metarig": rigify_metarig}
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is baked onto, and whether its file is a new one of ours."""
+
+    context: bpy.types.Context
+    armature: bpy.types.Object
+    is_new: bool
 
 
 def open_blend(path: Path) -> None:
@@ -24,23 +37,40 @@ def open_blend(path: Path) -> None:
         raise InputError(path, "does not exist; name a .blend file")
     try:
         with silence():
-            bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+            bpy.ops.wm.open_mainfile(filepath=str(path.absolute()), load_ui=False)
     except RuntimeError as error:
         raise InputError(path, f"cannot be opened ({str(error).strip().splitlines()[-1]}); a .blend file is needed") from error
 
 
-def is_new() -> bool:
-    """Whether what is open is no file of the user's, but what Blender starts with."""
-    return not bpy.data.filepath
+def opened() -> Path | None:
+    """The file that is open; None if it is only what Blender starts with."""
+    return Path(bpy.data.filepath) if bpy.data.filepath else None
 
 
-def start_empty() -> bpy.types.Scene:
+def open_target(blend: Path | None, rig: str | None, preset: str | None) -> Target:
+    """The armature called `rig`, or a new one of a preset, in `blend` or in the file that is open. InputError if it is not to be had.
+
+    Where there is no file but only what Blender starts with, a preset gets an empty one.
+    """
+    if blend:
+        open_blend(blend)
+    is_new = bool(preset) and opened() is None
+    if is_new:
+        _start_empty()
+    if preset:
+        with silence():
+            armature = PRESETS[preset](bpy.context)
+    else:
+        armature = find_armature(rig or "")
+    return Target(bpy.context, armature, is_new)
+
+
+def _start_empty() -> None:
     """Empties the file that Blender started with. Reading an empty one instead would unregister the extension that runs this."""
     bpy.data.batch_remove([*bpy.data.objects, *bpy.data.collections])
     bpy.data.orphans_purge(do_recursive=True)
     scene = bpy.context.scene
     scene.render.fps, scene.render.fps_base, scene.frame_start = RATE, 1.0, 1
-    return scene
 
 
 def furnish(scene: bpy.types.Scene, take: Take, scale: float, head_height: float) -> None:
@@ -66,4 +96,4 @@ def furnish(scene: bpy.types.Scene, take: Take, scale: float, head_height: float
 def save_blend(path: Path) -> None:
     """Saves a copy; what is open stays what it is."""
     with silence():
-        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=True)
+        bpy.ops.wm.save_as_mainfile(filepath=str(path.absolute()), copy=True, compress=True)

@@ -61,6 +61,7 @@ def render_preview(scene: bpy.types.Scene, shot: Shot, path: Path) -> Generator[
     The scene and its settings are left as they are.
     """
     check_preview(path)
+    path = path.absolute()  # Blender may have another idea of the working folder
     with _stage(scene, shot) as stage:
         yield from _video(stage, shot, path) if path.suffix.lower() == ".mp4" else _sheet(stage, shot, path)
 

@@ -10,6 +10,7 @@ from mathutils import Vector
 
 from ..motion.rotations import Array
 from ..takes.take import DEVICES
+from .proxy import plain_material
 
 TILE = 0.5  # metres
 MARKER_COLOURS = {"head": (0.10, 0.62, 0.22, 1), "left": (0.10, 0.45, 0.95, 1), "right": (0.95, 0.22, 0.10, 1)}
@@ -30,7 +31,7 @@ def add_floor(collection: bpy.types.Collection, corners: Array, margin: float) -
     mesh = bpy.data.meshes.new("CBM Floor")
     mesh.from_pydata(points.tolist(), [], faces.tolist())
     for name, grey in (("CBM Floor Light", 0.42), ("CBM Floor Dark", 0.31)):
-        mesh.materials.append(_material(name, (grey, grey, grey, 1)))
+        mesh.materials.append(plain_material(name, (grey, grey, grey, 1)))
     odd = (np.arange(rows)[:, None] + low[1] + np.arange(columns) + low[0]) % 2
     mesh.polygons.foreach_set("material_index", odd.ravel().astype(np.int32))
     floor = bpy.data.objects.new("CBM Floor", mesh)
@@ -68,7 +69,7 @@ def add_markers(collection: bpy.types.Collection) -> dict[str, bpy.types.Object]
     for device in DEVICES:
         mesh = bpy.data.meshes.new(f"CBM Marker {device}")
         mesh.from_pydata(*_cross(MARKER_SIZE * (1.6 if device == "head" else 1.0)))
-        mesh.materials.append(_material(f"CBM Marker {device}", MARKER_COLOURS[device]))
+        mesh.materials.append(plain_material(f"CBM Marker {device}", MARKER_COLOURS[device]))
         markers[device] = bpy.data.objects.new(f"CBM Marker {device}", mesh)
         collection.objects.link(markers[device])
     return markers
@@ -83,9 +84,3 @@ def _cross(size: float) -> tuple[list, list, list]:
         points += [size * axis, -size * axis, *across, *-across]
         faces += [(first + tip, first + 2 + corner, first + 2 + (corner + 1) % 4) for tip in (0, 1) for corner in range(4)]
     return [tuple(point) for point in points], [], faces
-
-
-def _material(name: str, colour: tuple[float, float, float, float]) -> bpy.types.Material:
-    material = bpy.data.materials.get(name) or bpy.data.materials.new(name)
-    material.diffuse_color = colour
-    return material

@@ -6,11 +6,13 @@ so that one command checks several versions of Blender.
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -24,7 +26,18 @@ bpy.ops.extensions.package_install_files(filepath=sys.argv[1], repo="user_defaul
 ENABLE = """
 import bpy, sys
 import addon_utils  # stands once bpy is imported
-extension = addon_utils.enable("bl_ext.user_default.cbm", default_set=True)
+answer, extension = None, addon_utils.enable("bl_ext.user_default.cbm", default_set=True)
+"""
+RUN_COMMAND = """
+import os
+code = extension.run_command(sys.argv[1:])
+sys.stdout.flush()
+sys.stderr.flush()
+os._exit(code)  # without the teardown of the bpy module, which crashes in Blender 4.2 once Rigify was enabled
+"""
+ANSWER = """
+import json
+print("\\nanswer: " + json.dumps(answer), flush=True)
 """
 
 
@@ -41,15 +54,15 @@ class Blender:
         command = [self.python, "-I", "-c", code, *map(str, argv)]
         return subprocess.run(command, cwd=folder or self.user_resources, env=environment, capture_output=True, text=True, check=False)
 
-    def script(self, code: str, *argv: str | Path) -> str:
-        """Runs code beside the enabled `extension` and returns its stdout; fails the test if the code raises."""
-        done = self.run(ENABLE + code, *argv)
+    def script(self, code: str, *argv: str | Path) -> Any:
+        """Runs code beside the enabled `extension` and returns what it left in `answer`; fails the test if it raises."""
+        done = self.run(ENABLE + code + ANSWER, *argv)
         assert done.returncode == 0, done.stderr
-        return done.stdout
+        return json.loads(next(line for line in done.stdout.splitlines() if line.startswith("answer: ")).removeprefix("answer: "))
 
     def cbm(self, *argv: str | Path, folder: Path) -> subprocess.CompletedProcess[str]:
         """Runs `cbm ARGV…` as `blender --command cbm` does, through the function that the extension registers."""
-        return self.run(f"{ENABLE}\nsys.exit(extension.run_command(sys.argv[1:]))", *argv, folder=folder)
+        return self.run(ENABLE + RUN_COMMAND, *argv, folder=folder)
 
 
 @pytest.fixture(scope="session")
