@@ -58,6 +58,10 @@ class Layout:
     def size(self) -> int:
         return 3 * len(self.points) + 3 * len(self.directions) + len(self.scalars)
 
+    def index(self, name: str) -> int:
+        """Which vector of a frame has that name."""
+        return (*self.points, *self.directions).index(name)
+
     def names(self, offsets: tuple[int, ...]) -> list[str]:
         """The name of every number of the vector over these frame offsets, for example `head.position.z@-18`."""
         one = [f"{name}.{axis}" for name in (*self.points, *self.directions) for axis in "xyz"]

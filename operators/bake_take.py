@@ -11,6 +11,7 @@ from ..cbm_addon.progress import Job
 from ..cbm_addon.scene.bake import BakeOptions, BakeReport, bake
 from ..cbm_addon.scene.modal import ModalJob
 from ..cbm_addon.scene.rig import find_armature
+from ..cbm_addon.scene.takes import scale_trackers
 from ..cbm_addon.solve.models import load_model
 from ..cbm_addon.takes.calibrate import calibrate
 from ..cbm_addon.takes.readers import read_take
@@ -25,6 +26,8 @@ class CBM_OT_bake_take(bpy.types.Operator, ModalJob):
     take: bpy.props.StringProperty(name="Take", description="The recording; the panel's if empty", subtype="FILE_PATH", options={"SKIP_SAVE"})
     rig: bpy.props.StringProperty(name="Rig", description="Name of the armature; the panel's or the active one if empty", options={"SKIP_SAVE"})
 
+    _take_name = ""
+
     def job(self, context: bpy.types.Context) -> Job[BakeReport]:
         """The bake with the scene's settings; InputError before it begins if take, rig or model are missing."""
         settings = context.scene.cbm
@@ -32,11 +35,13 @@ class CBM_OT_bake_take(bpy.types.Operator, ModalJob):
         if not path:
             raise InputError("Take", "none is loaded; import a take first")
         take = read_take(Path(path), settings.overrides())
+        self._take_name = take.name
         calibrated = calibrate(take, settings.calibration())
         model = load_model(settings.model_folder())
         return bake(context, self._armature(context), calibrated, model, BakeOptions(settings.part, settings.solve_options()))
 
     def finish(self, context: bpy.types.Context, result: BakeReport) -> None:
+        scale_trackers(context.scene, self._take_name, result.scale)
         for device, error in result.tracker_errors.items():
             self.report({"INFO"}, f"{device} within 1 cm of its tracker at {error.share_within_1_cm:.0%} of frames, {error.max_cm:.1f} cm at most")
         self.report({"INFO"}, f"{result.action}: {result.frames} frames at {result.fps:g} fps in {result.seconds:.1f} s")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
-from ..features import RATE, Frames, Mode, control_frames, lower_body_frames, tracker_frames
+from ..features import RATE, TRACKERS, Frames, Mode, control_frames, lower_body_frames, tracker_frames
 from ..motion.bvh import read_bvh
 from ..motion.ground_frame import GroundFrame
 from ..motion.mirror import mirror
@@ -100,11 +101,25 @@ class Dataset:
             self.lower_body.seen_from(anchors, at(mode.sequence)),
         )
 
-    def shuffled(self, size: int, seed: int) -> Iterator[np.ndarray]:
-        """Frame numbers of all batches of one epoch, each frame once; the remainder is dropped."""
-        order = np.random.default_rng(seed).permutation(len(self))
-        for start in range(0, len(order) - size + 1, size):
-            yield order[start : start + size]
+    @cached_property
+    def chances(self) -> np.ndarray:
+        """How likely each frame is drawn, float64 [F], sum 1. Hours of walking must not drown minutes of crouching and running: a frame's chance
+        falls with the square root of how common its head height and its speed over the floor are, to an eighth at most."""
+        head, velocity = self.trackers.vectors[:, 0], self.trackers.vectors[:, TRACKERS.index("head.velocity")]
+        height = np.digitize(head[:, 2], np.arange(0.2, 1.15, 0.1))
+        speed = np.digitize(np.linalg.norm(velocity[:, :2], axis=-1), (0.1, 0.5, 1.0, 1.5, 2.5))
+        kind = height * 8 + speed
+        common = np.bincount(kind)[kind] / len(kind)
+        chances = 1 / np.sqrt(common)
+        chances = np.minimum(chances, 8 * chances.min())
+        return chances / chances.sum()
+
+    def drawn(self, size: int, seed: int) -> Iterator[np.ndarray]:
+        """Frame numbers of the batches of one epoch: as many frames as there are, drawn by their chances."""
+        random = np.random.default_rng(seed)
+        ends = np.cumsum(self.chances)
+        for _ in range(len(self) // size):
+            yield np.minimum(np.searchsorted(ends, random.random(size)), len(self) - 1)
 
 
 def join(clips: list[ClipFrames]) -> Dataset:

@@ -157,7 +157,7 @@ def train_mode(data: dict[str, Dataset], mode: Mode, config: TrainConfig, checkp
     for epoch in range(done, config.epochs):
         torch.manual_seed(config.seed * 1000 + epoch)
         losses, started = torch.zeros(3), time.perf_counter()
-        for step, frames in enumerate(data["train"].shuffled(config.batch, config.seed * 1000 + epoch)):
+        for step, frames in enumerate(data["train"].drawn(config.batch, config.seed * 1000 + epoch)):
             now = epoch * steps + step
             rate = config.learning_rate * min(1.0, (now + 1) / warmup) * 0.5 * (1 + math.cos(math.pi * now / total))
             for group in optimiser.param_groups:

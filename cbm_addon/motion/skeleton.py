@@ -86,10 +86,13 @@ class Skeleton:
         return Skeleton(names, np.array(parents), offsets.astype(np.float32), self.tips[kept])
 
     def height_above_toes(self, joint: str = "Head") -> float:
-        """Rest height of a joint above the lower of the toe joints, metres. Of the head: the size that the engine normalises by."""
+        """Rest height of a joint above the lower of the toe joints (of the feet, where there are no toes), metres.
+
+        Of the head: the size that the engine normalises by.
+        """
         rest = self.rest_positions()
-        toes = [rest[self.index(side + "Toe"), 2] for side in ("Left", "Right")]
-        return float(rest[self.index(joint), 2] - min(toes))
+        lowest = min(rest[self.index(f"{side}Toe" if f"{side}Toe" in self else f"{side}Foot"), 2] for side in ("Left", "Right"))
+        return float(rest[self.index(joint), 2] - lowest)
 
 
 def _standard_body() -> Skeleton:

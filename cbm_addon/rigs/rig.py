@@ -64,7 +64,6 @@ class Rig:
     rest               float64 [B, 4, 4]: rest matrices in armature space (head at the origin of a bone, tail along its Y)
     lengths            float64 [B]: from head to tail, armature units
     inherits_rotation  bool [B]
-    rotation_modes     Blender's rotation mode of each bone
     object_matrix      float64 [4, 4]: armature space to the world; rotation, uniform scale, translation
     """
 
@@ -74,7 +73,6 @@ class Rig:
     rest: np.ndarray
     lengths: np.ndarray
     inherits_rotation: np.ndarray
-    rotation_modes: tuple[str, ...]
     object_matrix: np.ndarray
     mapping: Mapping
 

@@ -17,7 +17,7 @@ from ..progress import Progress, part
 from ..rigs.body import RigBody, rig_body
 from ..rigs.pose import bone_poses
 from ..rigs.rig import Rig
-from ..solve.fuse import fuse
+from ..solve.fuse import fusing
 from ..solve.models import Model
 from ..solve.perform import SolveOptions, perform, sampled
 from ..takes.calibrate import Calibrated
@@ -109,9 +109,8 @@ def solve_on_rig(solved: RigBody, calibrated: Calibrated, model: Model, options:
     take, head_height = calibrated.take, calibrated.calibration.head_height
     scale = take_scale(solved, calibrated)
     performance = yield from part(perform(take, head_height, model, options), 0, 0.6)
-    yield Progress(0.6, "meeting trackers and planting feet")
     times = frame_times(take.times[0], take.times[-1], rate)
-    motion = fuse(performance, take, times, solved.body.scaled(1 / scale), solved.sole / scale)
+    motion = yield from part(fusing(performance, take, times, solved.body.scaled(1 / scale), solved.sole / scale), 0.6, 1)
     return replace(motion, skeleton=solved.body, root=motion.root * np.float32(scale))
 
 

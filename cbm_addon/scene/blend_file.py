@@ -85,7 +85,7 @@ def furnish(scene: bpy.types.Scene, take: Take, scale: float, head_height: float
     add_floor(scene.collection, corners, MARGIN * scale)
     span = float(np.max(corners[1, :2] - corners[0, :2]))
     facing = float(yaw_from_quat(take.rotations[0, HEAD]))
-    camera = add_camera(scene, scene.collection, facing, span + 2 * ROOM * scale, ABOVE_HEAD * head_height + ROOM * scale)
+    camera = add_camera(scene, scene.collection, facing, span, ABOVE_HEAD * head_height, ROOM * scale)
     camera.location.xy = np.array(camera.location.xy) + corners[:, :2].mean(0)
     for screen in bpy.data.screens:
         for area in screen.areas:

@@ -31,7 +31,7 @@ SHEET_SIZE = (400, 400)
 CAMERA_SECONDS = 1.0  # the camera follows the head's path under a Gaussian of this standard deviation
 CAMERA_RATE = 10.0  # keys per second of the camera
 ABOVE_HEAD = 1.13  # height of a body over that of its head joint
-ROOM = 0.5  # metres around the body
+ROOM = 0.25  # metres around the body
 MARGIN = 3.0  # metres of floor around the path
 BACKGROUND = (0.16, 0.17, 0.19)
 SUFFIXES = {".mp4": "a video", ".png": "a sheet of pictures"}
@@ -106,7 +106,7 @@ def _follow(stage: bpy.types.Scene, shot: Shot, size: tuple[int, int]) -> None:
     stage.render.resolution_x, stage.render.resolution_y = size
     take = shot.take
     facing = float(yaw_from_quat(take.rotations[0, HEAD]))
-    camera = add_camera(stage, stage.collection, facing, 2 * ROOM * shot.scale, ABOVE_HEAD * shot.head_height + ROOM * shot.scale)
+    camera = add_camera(stage, stage.collection, facing, 0, ABOVE_HEAD * shot.head_height, ROOM * shot.scale)
     times = np.arange(take.times[0], take.times[-1] + 1 / CAMERA_RATE, 1 / CAMERA_RATE)
     path = _smooth(lerp_samples(take.times, take.positions[:, HEAD], times) * np.float32(shot.scale), CAMERA_SECONDS * CAMERA_RATE)
     path[:, 2] = 0

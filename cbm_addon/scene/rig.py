@@ -29,7 +29,6 @@ def read_rig(armature: bpy.types.Object) -> Rig:
         rest=np.array([bone.matrix_local for bone in bones], dtype=np.float64).reshape(-1, 4, 4),
         lengths=np.array([bone.length for bone in bones]),
         inherits_rotation=np.array([bone.use_inherit_rotation for bone in bones]),
-        rotation_modes=tuple(armature.pose.bones[name].rotation_mode for name in names),
         object_matrix=_object_matrix(armature),
         mapping=recognize(armature.name, names, parents),
     )

@@ -40,9 +40,9 @@ def add_floor(collection: bpy.types.Collection, corners: Array, margin: float) -
     return floor
 
 
-def add_camera(scene: bpy.types.Scene, collection: bpy.types.Collection, facing: float, width: float, height: float) -> bpy.types.Object:
-    """The scene's camera, in whose picture a body at the world's origin fits that is `width` across and `height` tall and faces the angle
-    `facing` (radians about Z, from -Y). Move it along with the body."""
+def add_camera(scene: bpy.types.Scene, collection: bpy.types.Collection, facing: float, width: float, height: float, room: float) -> bpy.types.Object:
+    """The scene's camera, in whose picture what stands at the world's origin fits, `width` across and `height` tall with `room` around it.
+    It faces the angle `facing` (radians about Z, from -Y). Move the camera along with it."""
     camera = bpy.data.objects.new("CBM Camera", bpy.data.cameras.new("CBM Camera"))
     camera.data.lens = LENS
     collection.objects.link(camera)
@@ -50,9 +50,9 @@ def add_camera(scene: bpy.types.Scene, collection: bpy.types.Collection, facing:
     aspect = scene.render.resolution_y / scene.render.resolution_x
     half = SENSOR / 2 / LENS  # of the picture's longer side, at a distance of 1
     across, upright = half / max(aspect, 1), half * min(aspect, 1)
-    distance = max(width / 2 / across, height / 2 / upright) + width / 4
+    distance = max((width / 2 + room) / across, (height / 2 + room) / upright) + width / 4
     away = Vector((*_turned(VIEW.xy, facing), VIEW.z))
-    camera.location = Vector((0, 0, 0.48 * height)) + away * distance
+    camera.location = Vector((0, 0, height / 2)) + away * distance
     camera.rotation_euler = away.to_track_quat("Z", "Y").to_euler()
     camera.data.clip_end = 10 * distance + 100
     return camera

@@ -13,7 +13,7 @@ TAKE = "cbm_take"  # custom property of a collection of trackers: the name of th
 
 
 def tracker_empties(context: bpy.types.Context, take: Take) -> bpy.types.Collection:
-    """A collection in the scene with three empties, animated with a calibrated take from the scene's start frame.
+    """A collection in the scene with three empties, animated with a calibrated take from the scene's start frame, below one that sizes them.
 
     It takes the place of the one that showed the same take before.
     """
@@ -23,13 +23,26 @@ def tracker_empties(context: bpy.types.Context, take: Take) -> bpy.types.Collect
     collection = bpy.data.collections.new(f"{take.name} trackers")
     collection[TAKE] = take.name
     context.scene.collection.children.link(collection)
+    origin = bpy.data.objects.new(f"{take.name} origin", None)
+    origin.empty_display_size = EMPTY_SIZE
+    collection.objects.link(origin)
     for device in DEVICES:
         empty = bpy.data.objects.new(f"{take.name} {device}", None)
+        empty.parent = origin
         empty.empty_display_type = "ARROWS"
         empty.empty_display_size = EMPTY_SIZE
         collection.objects.link(empty)
         animate_tracker(empty, context.scene, take, device)
     return collection
+
+
+def scale_trackers(scene: bpy.types.Scene, take: str, scale: float) -> None:
+    """Scales the trackers that are shown of a take about the world origin, so that they are where a bake has met them."""
+    for collection in scene.collection.children:
+        if collection.get(TAKE) == take:
+            for obj in collection.objects:
+                if obj.parent is None:
+                    obj.scale = (scale, scale, scale)
 
 
 def animate_tracker(obj: bpy.types.Object, scene: bpy.types.Scene, take: Take, device: str, scale: float = 1.0) -> bpy.types.Action:

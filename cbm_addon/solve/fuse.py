@@ -13,7 +13,8 @@ from ..features import LOWER_JOINTS, UPPER_JOINTS
 from ..motion.contacts import CONTACT_JOINTS
 from ..motion.motion import Motion, local_rotations
 from ..motion.rotations import Array, continuous, multiply, normalize, quat_from_rotvec, rotate, slerp
-from ..motion.skeleton import Skeleton
+from ..motion.skeleton import STANDARD_BODY, Skeleton
+from ..progress import Job, Progress, part, run
 from ..takes.take import DEVICES, Take
 from .foot_lock import contact_states, lock_causally, solve_paths, without_blips
 from .ik import aim, bend_chain, clamp_reach, turned_toward, two_bone
@@ -26,13 +27,19 @@ REACHING = 20  # steps in which the chest follows
 RELEASE = 0.1  # seconds in which a causal foot lock lets go by half
 LOCK_LIMIT = 0.08  # head heights from its path at which a causal lock gives up
 FORWARD = np.array([0, -1, 0], np.float32)
+AVERAGE_ANKLE = np.float32(STANDARD_BODY.height_above_toes("LeftFoot") / STANDARD_BODY.height_above_toes("Head"))  # over the toes, in head heights
 
 
 def fuse(performance: Performance, take: Take, times: np.ndarray, body: Skeleton, sole: float = 0.0) -> Motion:
+    """`fusing`, at once."""
+    return run(fusing(performance, take, times, body, sole))
+
+
+def fusing(performance: Performance, take: Take, times: np.ndarray, body: Skeleton, sole: float = 0.0) -> Job[Motion]:
     """The motion [T] of `body` at `times`.
 
     take  calibrated (joint poses, metres); its trackers are scaled uniformly about the world origin to the body's standing head height
-    sole  metres: height of the body's toe joints above the floor when it stands
+    sole  metres: height of the body's toe joints (of its ankles, if it has no toes) above the floor when it stands
     """
     scale = np.float32((body.height_above_toes("Head") + sole) / performance.head_height)
     trackers = sampled(take, times)
@@ -41,13 +48,17 @@ def fuse(performance: Performance, take: Take, times: np.ndarray, body: Skeleton
     unit = scale * np.float32(performance.head_height)
     world = world_rotations(body, performance)
     rate = 1 / float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+    yield Progress(0.1, "planting feet")
     ankles = _plant_feet(body, performance, world, unit, rate, sole)
     hips = _reachable_hips(body, world, _hips_path(performance, rate) * unit, targets["head"][0], ankles)
+    yield Progress(0.3, "meeting the headset")
     hips = _meet_head(body, world, hips, *targets["head"])
-    hips = _follow_hands(body, world, hips, targets)
+    hips = yield from part(_follow_hands(body, world, hips, targets), 0.4, 0.8)
+    yield Progress(0.8, "meeting the controllers")
     for side in ("Left", "Right"):
         _meet_hand(body, world, hips, side, *targets[side.lower()])
         _meet_ankle(body, world, hips, side, ankles[side])
+    yield Progress(0.95, "writing the motion")
     local = continuous(local_rotations(body, world))
     return Motion(body, np.asarray(times, np.float64), hips.astype(np.float32), local.astype(np.float32))
 
@@ -94,7 +105,8 @@ def _plant_feet(body: Skeleton, performance: Performance, world: Array, unit: np
     """Turns the feet in `world` and returns where the ankles go, [T, 3] by side, so that ankle and toe stand still in contact."""
     joints = [LOWER_JOINTS.index(name) for name in CONTACT_JOINTS]
     predicted = performance.lower_positions[:, joints] * unit
-    predicted[..., 2] += np.float32(sole)
+    toes = "LeftToe" in body
+    predicted[..., 2] += np.float32(sole) - (0 if toes else AVERAGE_ANKLE * unit)
     locked = contact_states(performance.contacts)
     if performance.causal:
         paths = lock_causally(predicted, locked, RELEASE * rate, LOCK_LIMIT * float(unit))
@@ -105,9 +117,9 @@ def _plant_feet(body: Skeleton, performance: Performance, world: Array, unit: np
     for i, side in enumerate(("Left", "Right")):
         ankle, toe = paths[:, 2 * i], paths[:, 2 * i + 1]
         foot = body.index(f"{side}Foot")
-        if f"{side}Toe" in body:
+        if toes:
             offset = body.offsets[body.index(f"{side}Toe")]
-            # The directions come from a body of average feet: take what turns its resting foot into the planted one.
+            # The rotation that was predicted keeps the foot's roll; where it points is what the planted ankle and toe say.
             world[:, foot] = aim(world[:, foot], offset, toe - ankle)
             toe = toe.copy()
             toe[:, 2] = np.maximum(toe[:, 2], sole)
@@ -144,11 +156,12 @@ def _meet_head(body: Skeleton, world: Array, hips: Array, head: Array, rotation:
     return hips + (head - end)
 
 
-def _follow_hands(body: Skeleton, world: Array, hips: Array, targets: dict[str, tuple[Array, Array]]) -> Array:
+def _follow_hands(body: Skeleton, world: Array, hips: Array, targets: dict[str, tuple[Array, Array]]) -> Job[Array]:
     """Turns and leans the torso in `world` toward wrists that the arms do not reach, the head staying. Returns the hips [T, 3]."""
     chain = body.chain("Hips", "Head")
     bending = chain[1 : chain.index(_chest(body)) + 1]
-    for _ in range(REACHING):
+    for step in range(REACHING):
+        yield Progress(step / REACHING, "reaching")
         turn = np.zeros_like(hips)
         center = _positions(body, world, hips, chain[: chain.index(bending[-1]) + 1])
         for side in ("Left", "Right"):

@@ -56,6 +56,7 @@ BODIES = {
     "a giant of 2.2 m": lambda body: body.scaled(2.2 / 1.75),
     "long arms": lambda body: stretched(stretched(body, "ForeArm", 1.2), "Hand", 1.2),
     "short legs": lambda body: stretched(body, "Leg", 0.85),
+    "no toes": lambda body: without(body, "LeftToe", "RightToe"),
     "no shoulders and one spine bone": lambda body: without(body, "LeftShoulder", "RightShoulder", "Spine1", "Spine2"),
 }
 

@@ -63,7 +63,6 @@ def an_a_posed_rig(seed: int = 0, object_matrix: np.ndarray | None = None, prefi
         rest=np.stack(rest),
         lengths=np.full(len(bones), 0.1),
         inherits_rotation=np.ones(len(bones), bool),
-        rotation_modes=("QUATERNION",) * len(bones),
         object_matrix=np.eye(4) if object_matrix is None else object_matrix,
         mapping=recognize("test rig", names, above),
     )

@@ -12,7 +12,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from cbm_addon.errors import InputError  # noqa: E402
-from cbm_addon.features import MODES  # noqa: E402
+from cbm_addon.features import MODES, RATE  # noqa: E402
 from cbm_addon.learn.config import TrainConfig, read_config  # noqa: E402
 from cbm_addon.learn.dataset import Dataset, clip_frames, join, read_body_motion, stands_on_a_floor  # noqa: E402
 from cbm_addon.learn.export import export  # noqa: E402
@@ -22,9 +22,11 @@ from cbm_addon.learn.training import train_mode  # noqa: E402
 from cbm_addon.motion.bvh import write_bvh  # noqa: E402
 from cbm_addon.motion.mirror import mirror  # noqa: E402
 from cbm_addon.motion.motion import Motion  # noqa: E402
+from cbm_addon.motion.resample import frame_times, resample  # noqa: E402
 from cbm_addon.motion.skeleton import Skeleton  # noqa: E402
 from cbm_addon.progress import run  # noqa: E402
 from cbm_addon.solve.models import load_model  # noqa: E402
+from cbm_addon.takes.sample_motion import sample_motion  # noqa: E402
 
 CONFIG = TrainConfig(name="test", channels=4, classes=4, hidden=16, epochs=2, batch=64, modes=("lookahead",))
 MODE = MODES["lookahead"]
@@ -81,11 +83,14 @@ def test_windows_never_cross_into_another_clip(body_motion: Motion) -> None:
     np.testing.assert_allclose(window, window[:, :1].repeat(window.shape[1], 1), atol=1e-6)
 
 
-def test_an_epoch_draws_every_frame_once(data: dict[str, Dataset]) -> None:
-    train = data["train"]
-    drawn = np.concatenate(list(train.shuffled(48, 1)))
-    assert len(np.unique(drawn)) == len(drawn) == len(train) // 48 * 48
-    np.testing.assert_array_equal(drawn, np.concatenate(list(train.shuffled(48, 1))))
+def test_rare_behaviour_is_drawn_more_often_than_it_is_there() -> None:
+    motion = sample_motion()
+    train = join([clip_frames("walks and crouches", resample(motion, frame_times(0, 36, RATE)))])
+    low = train.trackers.vectors[:, 0, 2] < 0.8
+    drawn = np.concatenate(list(train.drawn(64, 1)))
+    assert 0 < low.mean() < 0.5
+    assert low[drawn].mean() > 1.1 * low.mean()
+    np.testing.assert_array_equal(drawn, np.concatenate(list(train.drawn(64, 1))))
 
 
 def test_a_clip_whose_head_is_below_the_floor_is_left_out(body_motion: Motion) -> None:

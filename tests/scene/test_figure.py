@@ -23,7 +23,6 @@ def t_posed_rig(scale: float = 1.0) -> Rig:
         rest=rest,
         lengths=np.full(len(rest), 0.08),
         inherits_rotation=np.ones(len(rest), bool),
-        rotation_modes=("QUATERNION",) * len(rest),
         object_matrix=np.diag([scale, scale, scale, 1.0]),
         mapping=recognize("rig", STANDARD_BODY.names, STANDARD_BODY.parents),
     )

@@ -33,11 +33,11 @@ def short_take(tmp_path: Path) -> Path:
 def test_importing_a_take_shows_its_trackers_and_remembers_what_was_found(extension: ModuleType, short_take: Path) -> None:
     assert bpy.ops.cbm.import_take(filepath=str(short_take)) == {"FINISHED"}
     trackers = bpy.data.collections["short trackers"].objects
-    assert {empty.name for empty in trackers} == {"short head", "short left", "short right"}
+    assert {empty.name for empty in trackers} == {"short origin", "short head", "short left", "short right"}
     assert 1.3 < trackers["short head"].location.z < 1.9
     assert "stature" in bpy.context.scene.cbm.take_summary
     bpy.ops.cbm.import_take(filepath=str(short_take))
-    assert len(bpy.data.objects) == len(bpy.data.actions) == 3, "importing again replaces, and does not pile up"
+    assert (len(bpy.data.objects), len(bpy.data.actions)) == (4, 3), "importing again replaces, and does not pile up"
 
 
 def test_calibration_overrides_what_was_measured(extension: ModuleType, short_take: Path) -> None:
@@ -64,6 +64,9 @@ def test_baking_makes_a_new_action_and_leaves_the_rest_alone(metarig: bpy.types.
     assert bpy.ops.cbm.bake_take(rig=metarig.name) == {"FINISHED"}
     first = metarig.animation_data.action
     assert first.name == "short_variation0"
+    bpy.context.view_layer.update()
+    head, tracker = metarig.pose.bones["spine.006"].head, bpy.data.objects["short head"].matrix_world.translation
+    assert (metarig.matrix_world @ head - tracker).length < 0.01, "the trackers that are shown are the size of the rig"
     assert tuple(first.frame_range) == (scene.frame_start, scene.frame_start + 4 * 24 - 1)
     assert bpy.ops.cbm.bake_take(rig=metarig.name) == {"FINISHED"}
     assert metarig.animation_data.action != first
