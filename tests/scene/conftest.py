@@ -47,3 +47,36 @@ def extension(empty_scene: bpy.types.Scene, linked_extension: str) -> ModuleType
 
     assert addon_utils.enable(linked_extension, default_set=True), f"{linked_extension} did not register"
     return sys.modules[linked_extension]
+
+
+@pytest.fixture(scope="session")
+def human_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A file with a generated Rigify human, which takes seconds to make."""
+    import bpy
+
+    from cbm_addon.scene.rigify import rigify_human
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    rigify_human(bpy.context)
+    path = tmp_path_factory.mktemp("rigs") / "human.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
+@pytest.fixture
+def human(human_file: Path, empty_scene: bpy.types.Scene) -> bpy.types.Object:
+    """The generated Rigify human in a file of its own."""
+    import bpy
+
+    bpy.ops.wm.open_mainfile(filepath=str(human_file))
+    return bpy.data.objects["Human"]
+
+
+@pytest.fixture
+def metarig(empty_scene: bpy.types.Scene) -> bpy.types.Object:
+    """Rigify's human metarig in an empty scene."""
+    import bpy
+
+    from cbm_addon.scene.rigify import rigify_metarig
+
+    return rigify_metarig(bpy.context)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import bpy
 import numpy as np
@@ -16,7 +15,6 @@ from cbm_addon.rigs.transfer import transfer
 from cbm_addon.scene.action import action_curves, write_action
 from cbm_addon.scene.bake import BakeOptions, BakeReport, bake, rig_channels
 from cbm_addon.scene.rig import read_rig
-from cbm_addon.scene.rigify import rigify_human, rigify_metarig
 from cbm_addon.solve.models import load_model
 from cbm_addon.solve.perform import SolveOptions, sampled
 from cbm_addon.takes.calibrate import Calibrated, calibrate
@@ -31,27 +29,6 @@ LEGS = ("ORG-thigh.L", "ORG-shin.L", "ORG-foot.L", "ORG-thigh.R", "ORG-shin.R", 
 @pytest.fixture(scope="module")
 def model():
     return load_model()
-
-
-@pytest.fixture(scope="module")
-def human_file(tmp_path_factory) -> Path:
-    """A file with a generated Rigify human, which takes seconds to make."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    rigify_human(bpy.context)
-    path = tmp_path_factory.mktemp("rigs") / "human.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    return path
-
-
-@pytest.fixture
-def human(human_file, empty_scene) -> bpy.types.Object:
-    bpy.ops.wm.open_mainfile(filepath=str(human_file))
-    return bpy.data.objects["Human"]
-
-
-@pytest.fixture
-def metarig(empty_scene) -> bpy.types.Object:
-    return rigify_metarig(bpy.context)
 
 
 @pytest.fixture(scope="module")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 import numpy as np
 import pytest
@@ -16,31 +14,9 @@ from cbm_addon.rigs.rig import Rig
 from cbm_addon.scene.action import write_action
 from cbm_addon.scene.bake import rig_channels
 from cbm_addon.scene.rig import find_armature, read_rig
-from cbm_addon.scene.rigify import rigify_human, rigify_metarig
 
 FRAMES = 6
 TENTH_OF_A_MILLIMETRE = 1e-4
-
-
-@pytest.fixture(scope="module")
-def human_file(tmp_path_factory) -> Path:
-    """A file with a generated Rigify human, which takes seconds to make."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    rigify_human(bpy.context)
-    path = tmp_path_factory.mktemp("rigs") / "human.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    return path
-
-
-@pytest.fixture
-def human(human_file, empty_scene) -> bpy.types.Object:
-    bpy.ops.wm.open_mainfile(filepath=str(human_file))
-    return bpy.data.objects["Human"]
-
-
-@pytest.fixture
-def metarig(empty_scene) -> bpy.types.Object:
-    return rigify_metarig(bpy.context)
 
 
 @pytest.fixture(params=["human", "metarig"])
