@@ -196,11 +196,11 @@ def _warnings(sizes: dict[str, Constant[float]], reach: float) -> list[str]:
     warnings = []
     eye, floor = sizes["eye_height"], sizes["floor"]
     if eye.source == "assumed":
-        warnings.append(f"eye height {eye.value:.2f} m is assumed ({eye.why}); pass --eye-height")
+        warnings.append(f"eye height {eye.value:.2f} m is assumed ({eye.why}); give the eye height (--eye-height)")
     elif eye.source == "measured" and eye.value < LOW_EYE_HEIGHT:
-        warnings.append(f"eye height {eye.value:.2f} m is that of a child, or nobody stands in this take; pass --eye-height or --seated")
+        warnings.append(f"eye height {eye.value:.2f} m is a child's, or nobody stands in this take; give it (--eye-height) or say that they sit (--seated)")
     if floor.source == "measured":
-        warnings.append(f"{floor.why}; the floor is put at {floor.value:.2f} m; pass --floor to set it")
+        warnings.append(f"{floor.why}; the floor is put at {floor.value:.2f} m; give another one (--floor) if it is not there")
     if reach < LOW_REACH:
         warnings.append(f"an arm reaches the wrist in only {reach:.0%} of samples; check --device, --wrist-offset and --eye-height")
     return warnings

@@ -148,7 +148,7 @@ def _unit(recording: Recording, positions: Array, overrides: TakeOverrides, path
     unit = measure_unit(positions, up=2 if overrides.axes in ("engine", "unreal") else 1)
     if unit is None:
         distance = np.nanmedian(np.linalg.norm(positions[:, HANDS] - positions[:, [HEAD]], axis=-1))
-        raise InputError(path, f"no unit fits a human: the hands are {distance:.4g} from the head; pass --unit m, cm or mm")
+        raise InputError(path, f"no unit fits a human: the hands are {distance:.4g} from the head; give the unit (--unit m, cm or mm)")
     return unit
 
 
@@ -160,7 +160,7 @@ def _axes(recording: Recording, positions: Array, rotations: Array, overrides: T
     measured = measure_axes(positions, rotations)
     sure = (measured.confidence or 0) > SURE
     if recording.axes is None:
-        defects.note("axes_uncertain", len(positions) * (not sure), f"axes are uncertain ({measured.why}): look at the result, or pass --axes")
+        defects.note("axes_uncertain", len(positions) * (not sure), f"axes are uncertain ({measured.why}): look at the result, or give the axes (--axes)")
         return measured
     doubt = sure and measured.value != recording.axes
     defects.note("axes_unlikely", len(positions) * doubt, f"{recording.axes} axes are unlikely; in {measured.value} axes: {measured.why}")
@@ -172,7 +172,7 @@ def _swap(positions: Array, rotations: Array, overrides: TakeOverrides, defects:
         return Constant(overrides.swap_hands, "given")
     swapped = hands_swapped(positions, rotations)
     if swapped.value:
-        defects.note("hands_swapped", len(positions), f"{swapped.why}: hands exchanged; pass --no-swap-hands to keep them")
+        defects.note("hands_swapped", len(positions), f"{swapped.why}: hands exchanged; to keep them, say so (--no-swap-hands)")
     return swapped
 
 

@@ -32,7 +32,7 @@ ROOMS_KNOWN = {
     "commands": {"motion", "takes", "features", "learn", "solve", "rigs", "hands", "evaluate", "scene"},
 }
 LIBRARIES_KNOWN = {
-    "bpy": {"scene", "operators", "panels", "__init__", "commands"},  # commands: inside functions, which a test below makes sure of
+    "bpy": {"scene", "operators", "panels", "__init__"},
     "torch": {"learn", "evaluate"},
     "onnxruntime": {"solve"},
 }

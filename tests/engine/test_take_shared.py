@@ -69,7 +69,7 @@ def test_mirrored_axes_are_measured_and_undone(data_folder):
 
 
 def test_an_impossible_unit_is_refused(data_folder):
-    with pytest.raises(InputError, match="pass --unit"):
+    with pytest.raises(InputError, match="--unit"):
         read_take(data_folder / f"{BOWLING}_negative_units.csv")
 
 
