@@ -16,7 +16,7 @@ from torch.nn import functional as F
 
 from ..errors import InputError
 from ..features import LOWER_BODY, LOWER_JOINTS, MODES, Mode
-from ..progress import Progress
+from ..progress import Progress, part
 from .config import TrainConfig
 from .dataset import Dataset
 from .networks import CodebookMatching, mlp, sample_codes
@@ -126,17 +126,14 @@ def positions(lower: Tensor) -> Tensor:
 
 def train(data: dict[str, Dataset], config: TrainConfig, folder: Path, resume: bool) -> Generator[Progress, None, list[Networks]]:
     """Trains every mode of the configuration; a checkpoint in `folder` after each epoch. Same data, configuration and seed: same networks."""
-    torch.set_flush_denormal(True)
     trained = []
-    for i, name in enumerate(config.modes):
-        job = train_mode(data, MODES[name], config, Path(folder) / f"{name}.checkpoint.npz", resume)
-        while True:
-            try:
-                event = next(job)
-            except StopIteration as end:
-                trained.append(end.value)
-                break
-            yield Progress((i + event.share) / len(config.modes), f"{name}: {event.message}")
+    torch.set_flush_denormal(True)
+    try:
+        for i, name in enumerate(config.modes):
+            job = train_mode(data, MODES[name], config, Path(folder) / f"{name}.checkpoint.npz", resume)
+            trained.append((yield from part(job, i / len(config.modes), (i + 1) / len(config.modes))))
+    finally:
+        torch.set_flush_denormal(False)  # it is the processor's state: whoever calls may need small numbers
     return trained
 
 
@@ -174,12 +171,14 @@ def train_mode(data: dict[str, Dataset], mode: Mode, config: TrainConfig, checkp
             losses += torch.stack((regression, reconstruction, matching)).detach()
             if step % 20 == 0:
                 speed = (step + 1) * config.batch / (time.perf_counter() - started)
-                yield Progress(now / total, f"epoch {epoch + 1} of {config.epochs}, {speed:.0f} samples/s")
+                yield Progress(now / total, f"{mode.name}: epoch {epoch + 1} of {config.epochs}, {speed:.0f} samples/s")
         networks.score = validate(data["validation"], networks)
         save_checkpoint(checkpoint, modules, optimiser, config, epoch + 1)
         mean = losses / steps
         text = ", ".join(f"{key} {value:.3g}" for key, value in networks.score.items())
-        yield Progress((epoch + 1) / config.epochs, f"epoch {epoch + 1}: control {mean[0]:.3f} reconstruction {mean[1]:.3f} matching {mean[2]:.2f}; {text}")
+        yield Progress(
+            (epoch + 1) / config.epochs, f"{mode.name}: epoch {epoch + 1}: control {mean[0]:.3f} reconstruction {mean[1]:.3f} matching {mean[2]:.2f}; {text}"
+        )
     if not networks.score:
         networks.score = validate(data["validation"], networks)
     modules.eval()
