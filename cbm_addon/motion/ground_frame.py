@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .rotations import Array, inverse, multiply, quat_from_yaw, rotate, yaw_from_quat
+from .rotations import Array, quat_from_yaw, yaw_from_quat
 from .skeleton import Skeleton
 
 
@@ -16,18 +16,6 @@ class GroundFrame:
 
     origin: Array
     rotation: Array
-
-    def to_local(self, positions: Array) -> Array:
-        return rotate(inverse(self.rotation), positions - self.origin)
-
-    def to_world(self, positions: Array) -> Array:
-        return rotate(self.rotation, positions) + self.origin
-
-    def rotation_to_local(self, rotations: Array) -> Array:
-        return multiply(inverse(self.rotation), rotations)
-
-    def rotation_to_world(self, rotations: Array) -> Array:
-        return multiply(self.rotation, rotations)
 
     def __getitem__(self, index) -> GroundFrame:
         return GroundFrame(self.origin[index], self.rotation[index])

@@ -12,7 +12,7 @@ import numpy as np
 from ..features import LOWER_JOINTS, UPPER_JOINTS
 from ..motion.contacts import CONTACT_JOINTS
 from ..motion.motion import Motion, local_rotations
-from ..motion.rotations import Array, continuous, multiply, normalize, quat_from_rotvec, rotate, slerp
+from ..motion.rotations import IDENTITY, Array, continuous, multiply, normalize, quat_from_rotvec, rotate, slerp
 from ..motion.skeleton import STANDARD_BODY, Skeleton
 from ..progress import Job, Progress, part, run
 from ..takes.take import DEVICES, Take
@@ -74,7 +74,7 @@ def world_rotations(body: Skeleton, performance: Performance) -> Array:
     chest = body.names[_chest(body)]
     world = np.zeros((len(performance.times), len(body), 4), np.float32)
     for i, name in enumerate(body.names):
-        world[:, i] = source["Neck" if name == chest else name] if name in source else (1, 0, 0, 0)
+        world[:, i] = source["Neck" if name == chest else name] if name in source else IDENTITY
     return world
 
 
