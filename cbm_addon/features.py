@@ -62,6 +62,12 @@ class Layout:
         """Which vector of a frame has that name."""
         return (*self.points, *self.directions).index(name)
 
+    @property
+    def lengths(self) -> np.ndarray:
+        """Bool [size]: which numbers are lengths or speeds, and so change with the unit of length."""
+        vectors = [name.endswith((".position", ".velocity")) for name in (*self.points, *self.directions)]
+        return np.concatenate((np.repeat(vectors, 3), np.zeros(len(self.scalars), bool)))
+
     def names(self, offsets: tuple[int, ...]) -> list[str]:
         """The name of every number of the vector over these frame offsets, for example `head.position.z@-18`."""
         one = [f"{name}.{axis}" for name in (*self.points, *self.directions) for axis in "xyz"]

@@ -30,11 +30,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--split", choices=SPLITS, default="all", help="only the clips of this split (default: all that are given)")
     parser.add_argument("--limit", type=int, metavar="N", help="at most N clips, evenly spread in order of name")
     parser.add_argument("--best-of-16", action="store_true", help="also the error of the best of 16 variations of ours (slow)")
+    parser.add_argument("--rivals", type=Path, nargs="+", default=[], metavar="DIR", help="other model folders, each a row by the name in its card")
+    parser.add_argument("--disturb", action="store_true", help="also the error of ours on badly tracked takes (four more solves per clip)")
     parser.add_argument("--report", type=Path, metavar="DIR", help=f"write {' and '.join(REPORT_FILES)} to this folder")
 
 
 def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
-    from ..evaluate.methods import OF_A_MODEL, prepare_methods
+    from ..evaluate.methods import OF_A_MODEL, prepare_methods, rival_methods
     from ..evaluate.report import drawing, markdown
     from ..evaluate.score_card import score_card
     from ..outputs import replacing_all
@@ -50,8 +52,10 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
     with replacing_all([args.report / name for name in REPORT_FILES], args.overwrite) if args.report else nullcontext() as report:
         model = load_model(args.model) if set(methods) & set(OF_A_MODEL) else None
         prepared = console.run(prepare_methods(methods, modes, model, args.database))
+        prepared |= rival_methods([load_model(folder) for folder in args.rivals], modes)
         options = [SolveOptions(mode=mode, seed=args.seed) for mode in modes]
-        card = console.run(score_card(clips, prepared, options, best_of=("ours",) if args.best_of_16 else ()))
+        ours = ("ours",)
+        card = console.run(score_card(clips, prepared, options, ours if args.best_of_16 else (), ours if args.disturb else ()))
         facts = {"model": model.name if model else None, "clips": len(clips), "seconds_of_clips": _seconds(card), "splits": splits}
         if report:
             tables, chart = report

@@ -10,7 +10,7 @@ from ..features import LOWER_JOINTS, RATE, UPPER_JOINTS
 from ..motion.contacts import CONTACT_JOINTS
 from ..motion.rotations import Array, quat_from_yaw, rotate
 from ..motion.skeleton import Skeleton
-from ..solve.models import Model, ModeNetworks
+from ..solve.models import Estimate, Model, ModeNetworks
 from ..solve.perform import at_rate
 from ..solve.performance import Performance
 from ..takes.take import HEAD, LEFT, RIGHT, Take
@@ -66,9 +66,9 @@ class ShuffledNetworks(ModeNetworks):
 
     seed: int
 
-    def estimate(self, windows: Array) -> Array:
-        logits = super().estimate(windows)
-        return logits[np.random.default_rng(self.seed).permutation(len(logits))]
+    def estimate(self, windows: Array) -> Estimate:
+        own = super().estimate(windows)
+        return replace(own, logits=own.logits[np.random.default_rng(self.seed).permutation(len(windows))])
 
 
 def shuffle_codes(model: Model, seed: int) -> Model:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from ..errors import InputError
@@ -14,6 +15,7 @@ from ..solve.models import Model
 from ..solve.perform import SolveOptions, perform
 from ..solve.performance import Performance
 from ..takes.take import Take
+from . import METHODS
 from .baselines import carry_legs, shuffle_codes
 from .motion_matching import Database, index_database, match_motion
 
@@ -44,6 +46,29 @@ def prepare_methods(names: Iterable[str], modes: Iterable[str], model: Model | N
         else:
             methods[name] = legs_carried
     return methods
+
+
+def rival_methods(models: Iterable[Model], modes: Iterable[str]) -> dict[str, Method]:
+    """Other models as methods by the names in their cards. A model whose codes were not drawn in training, or that has the paper's loss, answers
+    with its likeliest code alone. InputError for two models of one name or a model that lacks a mode."""
+    methods: dict[str, Method] = {}
+    for model in models:
+        if model.name in methods or model.name in METHODS:
+            raise InputError(model.folder, f"has the name '{model.name}', which another method has; give its card another")
+        for mode in modes:
+            model.networks(mode)
+        methods[model.name] = greedy(of_model(model)) if _greedy(model) else of_model(model)
+    return methods
+
+
+def _greedy(model: Model) -> bool:
+    configuration = model.card["training"].get("configuration", {})
+    return not configuration.get("sampled", True) or configuration.get("matching") == "paper"
+
+
+def greedy(method: Method) -> Method:
+    """The method with one candidate, which is its likeliest answer."""
+    return lambda take, body, options: method(take, body, replace(options, candidates=1, variation=0))
 
 
 def of_model(model: Model, shuffled: bool = False) -> Method:

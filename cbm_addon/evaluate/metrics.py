@@ -20,6 +20,7 @@ from ..solve.performance import Performance
 
 CM = 100.0  # per metre
 LEAST_FRAMES = 4  # for a third difference
+LEAST_DETAIL, LEAST_JITTER = 2.0, 0.05  # degrees per second, 100 m/s³: a truth that moves less is no measure of how much there should be
 
 
 @dataclass(frozen=True)
@@ -66,9 +67,9 @@ def measure(solved: Motion, clip: Motion) -> dict[str, float]:
         "root_deg": float(np.degrees(difference(root.rotation, true_root.rotation)).mean()),
         "tracker_cm": over(distance, TRACKED_JOINTS),
         "tracker_deg": over(turn, TRACKED_JOINTS),
-        "detail_ratio": _ratio(detail(ours), detail(truth)),
+        "detail_ratio": _ratio(detail(ours), detail(truth), LEAST_DETAIL),
         "detail_gt_deg_s": detail(truth),
-        "jitter_ratio": _ratio(jitter(ours), jitter(truth)),
+        "jitter_ratio": _ratio(jitter(ours), jitter(truth), LEAST_JITTER),
         "jitter_gt_100m_s3": jitter(truth),
         "slide_cm_s": slide(ours, contacts),
         "slide_truth_contact_cm_s": slide(ours, true_contacts),
@@ -136,5 +137,6 @@ def weighted_means(rows: list[dict[str, float]], seconds: list[float]) -> dict[s
     return means
 
 
-def _ratio(value: float, of: float) -> float:
-    return value / of if of > 0 else float("nan")
+def _ratio(value: float, of: float, least: float = 0.0) -> float:
+    """NaN where what it is a ratio of is not more than `least`."""
+    return value / of if of > least else float("nan")

@@ -8,7 +8,9 @@ from xml.sax.saxutils import escape
 
 # What is better of each metric: less, more, or closer to 1; the truth's own values have no better.
 BETTER = {
-    "lower_mpjpe_cm": "less", "best_of_16_lower_mpjpe_cm": "less", "hips_cm": "less", "feet_cm": "less", "mpjpe_cm": "less",
+    "lower_mpjpe_cm": "less", "best_of_16_lower_mpjpe_cm": "less",
+    "offsets_lower_mpjpe_cm": "less", "noise_lower_mpjpe_cm": "less", "height_lower_mpjpe_cm": "less", "lost_hand_lower_mpjpe_cm": "less",
+    "hips_cm": "less", "feet_cm": "less", "mpjpe_cm": "less",
     "mpjre_deg": "less", "root_cm": "less", "root_deg": "less", "tracker_cm": "less", "tracker_deg": "less",
     "raw_lower_mpjpe_cm": "less", "raw_tracker_cm": "less",
     "detail_ratio": "1", "detail_gt_deg_s": "", "jitter_ratio": "1", "jitter_gt_100m_s3": "",

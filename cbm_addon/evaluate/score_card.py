@@ -21,6 +21,7 @@ from ..takes.take import Take
 from .behaviours import behaviours_of
 from .methods import Method
 from .metrics import LEAST_FRAMES, measure, measure_raw, weighted_means
+from .robustness import DISTURBANCES, disturbed
 
 Row = dict[str, Any]
 
@@ -28,11 +29,12 @@ VARIATIONS = 16
 
 
 def score_card(
-    clips: list[Path], methods: dict[str, Method], options: list[SolveOptions], best_of: tuple[str, ...] = ()
+    clips: list[Path], methods: dict[str, Method], options: list[SolveOptions], best_of: tuple[str, ...] = (), disturb: tuple[str, ...] = ()
 ) -> Generator[Progress, None, dict[str, Any]]:
     """Solves every clip by every method with every one of `options` (one per mode) and measures the results against the clip.
 
     best_of  methods whose VARIATIONS are all solved, for the error of the best of them
+    disturb  methods that also solve badly tracked takes (DISTURBANCES)
     Returns the rows, their summary {method: {mode: metrics}} and the same summary by behaviour.
     """
     rows: list[Row] = []
@@ -44,6 +46,8 @@ def score_card(
                 metrics = solve_and_measure(truth, method, option)
                 if name in best_of:
                     metrics[f"best_of_{VARIATIONS}_lower_mpjpe_cm"] = best_error(truth, method, option)
+                if name in disturb:
+                    metrics |= disturbed_errors(truth, method, option)
                 rows.append(
                     {
                         "clip": path.stem,
@@ -81,6 +85,16 @@ def best_error(truth: Motion, method: Method, options: SolveOptions) -> float:
     body, take = _body_and_take(truth)
     answers = (_solve(body, take, method, replace(options, variation=variation))[1] for variation in range(VARIATIONS))
     return min(measure(answer, truth)["lower_mpjpe_cm"] for answer in answers)
+
+
+def disturbed_errors(truth: Motion, method: Method, options: SolveOptions) -> dict[str, float]:
+    """The error of the lower joints under each of DISTURBANCES, cm."""
+    errors = {}
+    for name in DISTURBANCES:
+        take, body = disturbed(name, truth, truth.skeleton.subset(BODY_JOINTS))
+        _, solved = _solve(body, take, method, options)
+        errors[f"{name}_lower_mpjpe_cm"] = measure(solved, truth)["lower_mpjpe_cm"]
+    return errors
 
 
 def _body_and_take(truth: Motion) -> tuple[Skeleton, Take]:

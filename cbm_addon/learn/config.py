@@ -8,12 +8,18 @@ from pathlib import Path
 
 from ..errors import InputError
 
+LATENTS = ("categorical", "continuous", "gaussian")
+MATCHINGS = ("kl", "probabilities", "paper")
+
 
 @dataclass(frozen=True)
 class TrainConfig:
     """Sizes, losses and schedule, and what the card says of the model.
 
-    `matching_weight` is per output number: the loss adds weight / outputs * matching. `noise` is that of `disturb`.
+    `matching_weight` is per output number: the loss adds weight / outputs * matching. `blocks` are the residual blocks of the trunk, `code_blocks`
+    those of encoder and decoder. `noise`, `height_error` and `rough` (a share of the samples) are what learn/augment.py does
+    to the trackers. `latent`, `sampled`, `end_to_end` and `decoder_sees_window` make the rivals and ablations that the results compare:
+    "continuous" and "gaussian" (a conditional VAE) take the place of codes; one channel of one class is a plain regressor.
     """
 
     name: str = "custom"
@@ -23,14 +29,22 @@ class TrainConfig:
     channels: int = 64
     classes: int = 8
     hidden: int = 512
+    blocks: int = 10
+    code_blocks: int = 2
     dropout: float = 0.1
     matching: str = "kl"
     matching_weight: float = 1.0
-    epochs: int = 10
+    epochs: int = 20
     batch: int = 512
     learning_rate: float = 1e-3
     weight_decay: float = 1e-4
+    latent: str = "categorical"
+    sampled: bool = True
+    end_to_end: bool = True
+    decoder_sees_window: bool = True
     noise: float = 0.01
+    height_error: float = 0.04
+    rough: float = 0.25
     seed: int = 1
 
     def as_dict(self) -> dict:
@@ -53,4 +67,9 @@ def read_config(path: Path | None) -> TrainConfig:
         values[key] = tuple(value) if isinstance(value, list) else float(value) if expected is float and isinstance(value, int) else value
         if not isinstance(values[key], expected):
             raise InputError(path, f"'{key}' is {value!r}; {expected.__name__} is expected, such as {defaults[key]!r}")
-    return replace(TrainConfig(), **values)
+    config = replace(TrainConfig(), **values)
+    if config.latent not in LATENTS:
+        raise InputError(path, f"'latent' is {config.latent!r}; {', '.join(LATENTS)} are known")
+    if config.matching not in MATCHINGS:
+        raise InputError(path, f"'matching' is {config.matching!r}; {', '.join(MATCHINGS)} are known")
+    return config

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +21,7 @@ from ..motion.rotations import Array
 from ..motion.skeleton import BODY_JOINTS
 from ..progress import Progress
 from ..takes.synthesize import synthesize
+from .augment import roughen
 from .split import split_of
 
 MINIMUM_SECONDS = 1.5
@@ -27,11 +29,14 @@ MINIMUM_SECONDS = 1.5
 
 @dataclass(frozen=True)
 class ClipFrames:
-    """One clip as the networks see it: trackers and anchors, control, lower body; T frames at RATE."""
+    """One clip as the networks see it, T frames at RATE: trackers and anchors as they are, the same as a rough recording has them
+    (learn/augment.py), control and lower body."""
 
     stem: str
     trackers: Frames
     anchors: GroundFrame
+    rough_trackers: Frames
+    rough_anchors: GroundFrame
     control: Frames
     lower_body: Frames
 
@@ -39,8 +44,10 @@ class ClipFrames:
 def clip_frames(stem: str, motion: Motion) -> ClipFrames:
     """Features of a body motion sampled at RATE, in units of the skeleton's own standing head height."""
     head_height = motion.skeleton.height_above_toes("Head")
-    trackers, anchors = tracker_frames(synthesize(motion), head_height)
-    return ClipFrames(stem, trackers, anchors, control_frames(motion, head_height), lower_body_frames(motion, head_height))
+    take = synthesize(motion)
+    trackers, anchors = tracker_frames(take, head_height)
+    rough = tracker_frames(roughen(take, motion.skeleton.height_above_toes(), zlib.crc32(stem.encode())), head_height)
+    return ClipFrames(stem, trackers, anchors, *rough, control_frames(motion, head_height), lower_body_frames(motion, head_height))
 
 
 def find_clips(sources: list[Path]) -> list[Path]:
@@ -79,6 +86,8 @@ class Dataset:
 
     trackers: Frames
     anchors: GroundFrame
+    rough_trackers: Frames
+    rough_anchors: GroundFrame
     control: Frames
     lower_body: Frames
     first: np.ndarray
@@ -88,15 +97,24 @@ class Dataset:
     def __len__(self) -> int:
         return len(self.first)
 
-    def batch(self, frames: np.ndarray, mode: Mode) -> tuple[Array, Array, Array]:
-        """Tracker windows [N, O, .], control [N, S, .] and lower body [N, S, .] of the frames int [N], seen from their anchors."""
+    def batch(self, frames: np.ndarray, mode: Mode, rough: np.ndarray | None = None) -> tuple[Array, Array, Array]:
+        """Tracker windows [N, O, .], control [N, S, .] and lower body [N, S, .] of the frames int [N], seen from their anchors.
+
+        rough  bool [N]: whose windows are those of a rough recording
+        """
 
         def at(offsets: tuple[int, ...]) -> np.ndarray:
             return np.clip(frames[:, None] + np.array(offsets), self.first[frames, None], self.last[frames, None])
 
         anchors = self.anchors[frames]
+        if rough is not None:
+            other = self.rough_anchors[frames]
+            anchors = GroundFrame(other.origin, np.where(rough[:, None], other.rotation, anchors.rotation))
+        windows = self.trackers.seen_from(anchors, at(mode.window))
+        if rough is not None:
+            windows[rough] = self.rough_trackers.seen_from(anchors[rough], at(mode.window)[rough])
         return (
-            self.trackers.seen_from(anchors, at(mode.window)),
+            windows,
             self.control.seen_from(anchors, at(mode.sequence)),
             self.lower_body.seen_from(anchors, at(mode.sequence)),
         )
@@ -128,11 +146,16 @@ def join(clips: list[ClipFrames]) -> Dataset:
     def lay(frames: list[Frames]) -> Frames:
         return Frames(frames[0].layout, np.concatenate([f.vectors for f in frames]), np.concatenate([f.scalars for f in frames]))
 
+    def lay_anchors(anchors: list[GroundFrame]) -> GroundFrame:
+        return GroundFrame(np.concatenate([a.origin for a in anchors]), np.concatenate([a.rotation for a in anchors]))
+
     lengths = np.array([len(clip.trackers) for clip in clips])
     ends = np.cumsum(lengths)
     return Dataset(
         trackers=lay([clip.trackers for clip in clips]),
-        anchors=GroundFrame(np.concatenate([c.anchors.origin for c in clips]), np.concatenate([c.anchors.rotation for c in clips])),
+        anchors=lay_anchors([clip.anchors for clip in clips]),
+        rough_trackers=lay([clip.rough_trackers for clip in clips]),
+        rough_anchors=lay_anchors([clip.rough_anchors for clip in clips]),
         control=lay([clip.control for clip in clips]),
         lower_body=lay([clip.lower_body for clip in clips]),
         first=np.repeat(ends - lengths, lengths),

@@ -49,4 +49,4 @@ def train_model(sources: list[Path], folder: Path, config: TrainConfig, resume: 
     }
     yield Progress(0.99, "exporting")
     export(trained, folder, facts)
-    return facts | {"validation": {networks.mode.name: networks.score for networks in trained}}
+    return facts | {"validation": {networks.mode.name: networks.history[-1] for networks in trained}}

@@ -15,11 +15,17 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from ..errors import InputError
-from ..features import LOWER_BODY, LOWER_JOINTS, MODES, Mode
+from ..features import CONTROL, LOWER_BODY, LOWER_JOINTS, MODES, TRACKERS, Mode
 from ..progress import Progress, part
+from .augment import misjudge_height
 from .config import TrainConfig
 from .dataset import Dataset
-from .networks import CodebookMatching, mlp, sample_codes
+from .networks import Blind, CodebookMatching, sample_codes, trunk
+from .rivals import ConditionalVae, ContinuousMatching
+
+Stage2 = CodebookMatching | ConditionalVae | ContinuousMatching
+LOSSES = ("control", "regression", "reconstruction", "matching")
+LAYOUTS = {"window": TRACKERS, "control": CONTROL, "lower_body": LOWER_BODY}
 
 
 @dataclass(frozen=True)
@@ -38,23 +44,38 @@ class Statistics:
 
 @dataclass
 class Networks:
-    """What is trained for one mode: stage 1 (`control`) and stage 2 (`lower_body`), with the statistics of their inputs and outputs."""
+    """What is trained for one mode, with the statistics of its inputs and outputs.
+
+    trunk       tracker window -> features, which all the others see
+    control     stage 1
+    regression  the lower body without a codebook: it shapes the trunk, and is the yardstick for stage 2
+    lower_body  stage 2
+    history     of each epoch the mean losses (LOSSES) and what `validate` found
+    """
 
     mode: Mode
+    trunk: nn.Sequential
     control: nn.Sequential
-    lower_body: CodebookMatching
+    regression: nn.Sequential
+    lower_body: Stage2
     statistics: dict[str, Statistics]
-    score: dict[str, float]
+    history: list[dict[str, float]]
 
     def modules(self) -> nn.ModuleDict:
-        return nn.ModuleDict({"control": self.control, "lower_body": self.lower_body})
+        return nn.ModuleDict({"trunk": self.trunk, "control": self.control, "regression": self.regression, "lower_body": self.lower_body})
+
+    def losses(self, window: Tensor, control: Tensor, lower: Tensor, matching: str) -> Tensor:
+        """LOSSES: the errors of control, regression and reconstruction (eq. 2), and the matching loss (eq. 3)."""
+        features = self.trunk(window)
+        reconstruction, matched = self.lower_body.losses(features, lower, matching)
+        return torch.stack((F.mse_loss(self.control(features).float(), control), F.mse_loss(self.regression(features).float(), lower), reconstruction, matched))
 
 
 def statistics(data: Dataset, mode: Mode, seed: int) -> dict[str, Statistics]:
     """Mean and deviation of the three feature vectors over a sample of the training set."""
     chosen = np.random.default_rng(seed).choice(len(data), size=min(len(data), 8192), replace=False)
     found = {}
-    for name, values in zip(("window", "control", "lower_body"), data.batch(chosen, mode), strict=True):
+    for name, values in zip(LAYOUTS, data.batch(chosen, mode), strict=True):
         flat = torch.from_numpy(values.reshape(len(values), -1))
         deviation = flat.std(0)
         # A number that hardly varies must not be blown up: no deviation below a fifth of the typical one.
@@ -66,23 +87,45 @@ def build(data: Dataset, mode: Mode, config: TrainConfig) -> Networks:
     """Fresh networks for one mode, initialised from the configuration's seed."""
     torch.manual_seed(config.seed)
     stats = statistics(data, mode, config.seed)
-    inputs, control, lower = (len(stats[name].mean) for name in ("window", "control", "lower_body"))
+    inputs, control, lower = (len(stats[name].mean) for name in LAYOUTS)
     return Networks(
         mode,
-        mlp(inputs, config.hidden, control, config.dropout),
-        CodebookMatching(inputs, lower, config.channels, config.classes, config.hidden, config.dropout),
+        trunk(inputs, config.hidden, config.blocks, config.dropout),
+        nn.Sequential(nn.Linear(config.hidden, control)),
+        nn.Sequential(nn.Linear(config.hidden, lower)),
+        stage2(lower, config),
         stats,
-        {},
+        [],
     )
 
 
-def tensors(data: Dataset, frames: np.ndarray, networks: Networks) -> tuple[Tensor, Tensor, Tensor]:
-    """Normalised window, control and lower body of a batch of frames."""
-    names = ("window", "control", "lower_body")
-    return tuple(
-        networks.statistics[name].normalise(torch.from_numpy(values.reshape(len(values), -1)))
-        for name, values in zip(names, data.batch(frames, networks.mode), strict=True)
-    )  # type: ignore[return-value]
+def stage2(outputs: int, config: TrainConfig) -> Stage2:
+    """Fresh networks of stage 2 over the features of a trunk: codebook matching or one of its rivals."""
+    sizes = {"hidden": config.hidden, "dropout": config.dropout, "blocks": config.code_blocks}
+    if config.latent == "gaussian":
+        return ConditionalVae(config.hidden, outputs, **sizes)
+    if config.latent == "continuous":
+        return ContinuousMatching(config.hidden, outputs, config.channels * config.classes, **sizes)
+    net = CodebookMatching(config.hidden, outputs, config.channels, config.classes, linear=True, **sizes)
+    net.sampled, net.end_to_end = config.sampled, config.end_to_end
+    if not config.decoder_sees_window:
+        net.thin = Blind()
+    return net
+
+
+def tensors(
+    data: Dataset, frames: np.ndarray, networks: Networks, rough: np.ndarray | None = None, heights: np.ndarray | None = None
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Normalised window, control and lower body of a batch of frames int [N].
+
+    rough    bool [N]: whose trackers are those of a rough recording
+    heights  float32 [N]: the true head height as a share of the one that is believed
+    """
+    found = []
+    for (name, layout), values in zip(LAYOUTS.items(), data.batch(frames, networks.mode, rough), strict=True):
+        seen = values if heights is None else misjudge_height(layout, values, heights)
+        found.append(networks.statistics[name].normalise(torch.from_numpy(seen.reshape(len(seen), -1))))
+    return tuple(found)  # type: ignore[return-value]
 
 
 def disturb(window: Tensor, offsets: int, noise: float) -> Tensor:
@@ -99,20 +142,21 @@ def validate(data: Dataset, networks: Networks, limit: int = 4096) -> dict[str, 
     modules = networks.modules().eval()
     frames = np.linspace(0, len(data) - 1, min(limit, len(data))).astype(int)
     window, control, lower = tensors(data, frames, networks)
-    net = networks.lower_body
-    reconstruction, _ = net.losses(window, lower, "kl")
-    estimate = net.logits(net.estimator, window)
+    net, features = networks.lower_body, networks.trunk(window)
+    control_error, _, reconstruction, _ = networks.losses(window, control, lower, "kl")
+    estimate = net.logits(net.estimator, features)
     restore = networks.statistics["lower_body"].restore
     truth = positions(restore(lower))
-    drawn = torch.stack([positions(restore(net.decode(sample_codes(estimate), window))) for _ in range(8)])
+    drawn = torch.stack([positions(restore(net.decode(sample_codes(estimate), features))) for _ in range(8)])
     errors = (drawn - truth).norm(dim=-1).mean((-1, -2)) * 160
-    mean_error = (drawn.mean(0) - truth).norm(dim=-1).mean() * 160
+    regressed = positions(restore(networks.regression(features)))
     score = {
-        "control_mse": float(F.mse_loss(networks.control(window), control)),
+        "control_mse": float(control_error),
         "reconstruction_mse": float(reconstruction),
         "sample_cm": float(errors.mean()),
         "best_of_8_cm": float(errors.min(0).values.mean()),
-        "mean_of_8_cm": float(mean_error),
+        "mean_of_8_cm": float((drawn.mean(0) - truth).norm(dim=-1).mean() * 160),
+        "regression_cm": float((regressed - truth).norm(dim=-1).mean() * 160),
     }
     modules.train()
     return score
@@ -145,66 +189,64 @@ def train_mode(data: dict[str, Dataset], mode: Mode, config: TrainConfig, checkp
     steps = len(data["train"]) // config.batch
     if steps == 0:
         raise InputError("training data", f"holds {len(data['train'])} frames; at least one batch of {config.batch} is needed")
-    done = load_checkpoint(checkpoint, modules, optimiser, config) if resume else 0
-    weight = config.matching_weight
+    networks.history = load_checkpoint(checkpoint, modules, optimiser, config) if resume else []
+    weights = torch.ones(4)
+    weights[3] = config.matching_weight
     if config.matching != "paper":
-        weight /= len(networks.statistics["lower_body"].mean)
+        weights[3] /= len(networks.statistics["lower_body"].mean)
     half = torch.cpu._is_avx512_bf16_supported()
     total, warmup = config.epochs * steps, 200
-    for epoch in range(done, config.epochs):
+    for epoch in range(len(networks.history), config.epochs):
         torch.manual_seed(config.seed * 1000 + epoch)
-        losses, started = torch.zeros(3), time.perf_counter()
+        random = np.random.default_rng([config.seed, epoch])
+        losses, started = torch.zeros(4), time.perf_counter()
         for step, frames in enumerate(data["train"].drawn(config.batch, config.seed * 1000 + epoch)):
             now = epoch * steps + step
             rate = config.learning_rate * min(1.0, (now + 1) / warmup) * 0.5 * (1 + math.cos(math.pi * now / total))
             for group in optimiser.param_groups:
                 group["lr"] = rate
-            window, control, lower = tensors(data["train"], frames, networks)
+            rough = random.random(len(frames)) < config.rough
+            heights = np.exp(random.normal(scale=config.height_error, size=len(frames))).astype(np.float32)
+            window, control, lower = tensors(data["train"], frames, networks, rough, heights)
             window = disturb(window, len(mode.window), config.noise)
             with torch.autocast("cpu", torch.bfloat16, enabled=half):
-                regression = F.mse_loss(networks.control(window).float(), control)
-                reconstruction, matching = networks.lower_body.losses(window, lower, config.matching)
-            loss = regression + reconstruction + weight * matching
+                parts = networks.losses(window, control, lower, config.matching)
+            loss = (parts * weights).sum()
             optimiser.zero_grad(set_to_none=True)
             loss.backward()
             optimiser.step()
-            losses += torch.stack((regression, reconstruction, matching)).detach()
+            losses += parts.detach()
             if step % 20 == 0:
                 speed = (step + 1) * config.batch / (time.perf_counter() - started)
                 yield Progress(now / total, f"{mode.name}: epoch {epoch + 1} of {config.epochs}, {speed:.0f} samples/s")
-        networks.score = validate(data["validation"], networks)
-        save_checkpoint(checkpoint, modules, optimiser, config, epoch + 1)
-        mean = losses / steps
-        text = ", ".join(f"{key} {value:.3g}" for key, value in networks.score.items())
-        yield Progress(
-            (epoch + 1) / config.epochs, f"{mode.name}: epoch {epoch + 1}: control {mean[0]:.3f} reconstruction {mean[1]:.3f} matching {mean[2]:.2f}; {text}"
-        )
-    if not networks.score:
-        networks.score = validate(data["validation"], networks)
+        said = dict(zip(LOSSES, (losses / steps).tolist(), strict=True)) | validate(data["validation"], networks)
+        networks.history.append({name: round(value, 4) for name, value in said.items()})
+        save_checkpoint(checkpoint, modules, optimiser, config, networks.history)
+        yield Progress((epoch + 1) / config.epochs, f"{mode.name}: epoch {epoch + 1}: " + ", ".join(f"{name} {value:.3g}" for name, value in said.items()))
     modules.eval()
     return networks
 
 
-def save_checkpoint(path: Path, modules: nn.ModuleDict, optimiser: torch.optim.Optimizer, config: TrainConfig, epoch: int) -> None:
+def save_checkpoint(path: Path, modules: nn.ModuleDict, optimiser: torch.optim.Optimizer, config: TrainConfig, history: list[dict[str, float]]) -> None:
     """Parameters and AdamW's moments as plain arrays; written beside and renamed, so that a kill leaves the last good one."""
     arrays = {f"parameter/{key}": value.numpy() for key, value in modules.state_dict().items()}
     for index, parameter in enumerate(optimiser.param_groups[0]["params"]):
         for key, value in optimiser.state.get(parameter, {}).items():
             arrays[f"moment/{index}/{key}"] = value.numpy()
-    arrays["config"] = np.array(json.dumps(config.as_dict() | {"epochs_done": epoch}))
+    arrays["config"] = np.array(json.dumps(config.as_dict() | {"history": history}))
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_suffix(".partial.npz")
     np.savez(temporary, **arrays)
     temporary.replace(path)
 
 
-def load_checkpoint(path: Path, modules: nn.ModuleDict, optimiser: torch.optim.Optimizer, config: TrainConfig) -> int:
-    """Restores a checkpoint and returns how many epochs it holds; 0 if there is none."""
+def load_checkpoint(path: Path, modules: nn.ModuleDict, optimiser: torch.optim.Optimizer, config: TrainConfig) -> list[dict[str, float]]:
+    """Restores a checkpoint and returns its history, an entry for each epoch; empty if there is none."""
     if not path.exists():
-        return 0
+        return []
     with np.load(path, allow_pickle=False) as stored:
         saved = json.loads(str(stored["config"]))
-        epoch = saved.pop("epochs_done")
+        history = saved.pop("history")
         if saved != json.loads(json.dumps(config.as_dict())):
             raise InputError(path, "was made with another configuration; resume with that one or choose another model folder")
         modules.load_state_dict({key[10:]: torch.from_numpy(stored[key]) for key in stored.files if key.startswith("parameter/")})
@@ -213,4 +255,4 @@ def load_checkpoint(path: Path, modules: nn.ModuleDict, optimiser: torch.optim.O
             if key.startswith("moment/"):
                 _, index, name = key.split("/")
                 optimiser.state[parameters[int(index)]][name] = torch.from_numpy(stored[key])
-    return epoch
+    return history

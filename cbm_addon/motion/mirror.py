@@ -10,15 +10,19 @@ from .motion import Motion
 from .rotations import Array
 from .skeleton import Skeleton
 
+SIDES = {"Left": "Right", "Right": "Left", "left": "right", "right": "left"}
+
+
+def twin(name: str) -> str:
+    """The name on the other side (the same if it begins with no side)."""
+    for side, other in SIDES.items():
+        if name.startswith(side):
+            return other + name[len(side) :]
+    return name
+
 
 def mirrored_joints(skeleton: Skeleton) -> np.ndarray:
     """For each joint the index of its twin on the other side (itself if it has none)."""
-
-    def twin(name: str) -> str:
-        if name.startswith("Left"):
-            return "Right" + name[4:]
-        return "Left" + name[5:] if name.startswith("Right") else name
-
     return np.array([skeleton.index(twin(name)) if twin(name) in skeleton else i for i, name in enumerate(skeleton.names)])
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ..motion.rotations import Array
-from .models import ModeNetworks
 
 CONSENSUS = 1.0  # weight of agreeing with the candidates' own mean
 CONTROL = 0.5  # weight of agreeing with stage 1 on the path of the hips
@@ -23,9 +22,9 @@ def gumbel_noise(candidates: int, channels: int, classes: int, seed: int, variat
     return noise
 
 
-def draw(networks: ModeNetworks, windows: Array, noise: Array) -> np.ndarray:
-    """Candidate codes (class numbers) int [N, K, C] for tracker windows [N, O, .] and noise [K, C, D]."""
-    return np.argmax(networks.estimate(windows)[:, None] + noise, axis=-1)
+def draw(logits: Array, noise: Array) -> np.ndarray:
+    """Candidate codes (class numbers) int [N, K, C] from logits [N, C, D] and noise [K, C, D]."""
+    return np.argmax(logits[:, None] + noise, axis=-1)
 
 
 def own_cost(paths: Array, control_hips: Array, consensus: bool) -> Array:

@@ -7,8 +7,8 @@ import numpy as np
 from ..motion.rotations import Array
 
 VELOCITY = 20.0  # weight of the predicted steps against the predicted positions, at 30 frames per second
-CONTACT = 1000.0  # weight of standing still in contact, likewise
-ON, OFF = 0.6, 0.4  # contact begins above ON and ends below OFF
+CONTACT = 30_000.0  # weight of standing still in contact, likewise
+ON, OFF = 0.5, 0.4  # contact begins above ON and ends below OFF
 SHORTEST = 3  # frames; shorter contacts and shorter gaps are noise
 
 

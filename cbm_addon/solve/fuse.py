@@ -24,8 +24,8 @@ from .performance import Performance
 SHOULDER_LIMIT = np.radians(30)  # how far a shoulder may follow a hand that the arm does not reach
 CHEST_LIMIT = np.radians(60)  # and the chest, where the shoulder is not enough
 REACHING = 20  # steps in which the chest follows
-RELEASE = 0.1  # seconds in which a causal foot lock lets go by half
-LOCK_LIMIT = 0.08  # head heights from its path at which a causal lock gives up
+RELEASE = 0.15  # seconds in which a causal foot lock lets go by half
+LOCK_LIMIT = 0.1  # head heights from its path at which a causal lock gives up
 FORWARD = np.array([0, -1, 0], np.float32)
 AVERAGE_ANKLE = np.float32(STANDARD_BODY.height_above_toes("LeftFoot") / STANDARD_BODY.height_above_toes("Head"))  # over the toes, in head heights
 

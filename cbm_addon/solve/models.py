@@ -17,7 +17,7 @@ from ..motion.rotations import Array
 CARD_FORMAT = "cbm-model 1"
 MODELS_FOLDER = Path(__file__).parent.parent / "models"
 DEFAULT_MODEL = MODELS_FOLDER / "base"
-PARTS = ("control", "estimator", "decoder")
+PARTS = ("estimator", "decoder")
 
 
 def signature(mode: Mode) -> dict[str, Any]:
@@ -32,29 +32,36 @@ def signature(mode: Mode) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
+class Estimate:
+    """What the estimator says of tracker windows: stage 1 (`control` [N, S, .]), the `logits` [N, C, D] of the codebook, and the `features`
+    [N, H] that the decoder needs."""
+
+    control: Array
+    logits: Array
+    features: Array
+
+
+@dataclass(frozen=True)
 class ModeNetworks:
-    """The three sessions of one mode; every call takes and gives float32 batches."""
+    """The two sessions of one mode; every call takes and gives float32 batches."""
 
     mode: Mode
     channels: int
     classes: int
     sessions: dict[str, Any]
 
-    def control(self, windows: Array) -> Array:
-        """Stage 1: control features [N, S, .] from tracker windows [N, O, .]."""
-        flat = self.sessions["control"].run(None, {"window": windows.reshape(len(windows), -1)})[0]
-        return flat.reshape(len(windows), len(self.mode.sequence), CONTROL.size)
+    def estimate(self, windows: Array) -> Estimate:
+        """What tracker windows [N, O, .] say."""
+        control, logits, features = self.sessions["estimator"].run(["control", "logits", "features"], {"window": windows.reshape(len(windows), -1)})
+        return Estimate(
+            control.reshape(len(windows), len(self.mode.sequence), CONTROL.size), logits.reshape(len(windows), self.channels, self.classes), features
+        )
 
-    def estimate(self, windows: Array) -> Array:
-        """Stage 2: logits [N, C, D] of the codebook from tracker windows [N, O, .]."""
-        flat = self.sessions["estimator"].run(None, {"window": windows.reshape(len(windows), -1)})[0]
-        return flat.reshape(len(windows), self.channels, self.classes)
-
-    def decode(self, codes: np.ndarray, windows: Array) -> Array:
-        """Stage 2: lower-body sequences [N, S, .] from class numbers int [N, C] and tracker windows [N, O, .]."""
+    def decode(self, codes: np.ndarray, features: Array) -> Array:
+        """Lower-body sequences [N, S, .] from class numbers int [N, C] and the features [N, H] of the windows that they belong to."""
         one_hot = np.eye(self.classes, dtype=np.float32)[codes].reshape(len(codes), -1)
-        flat = self.sessions["decoder"].run(None, {"codes": one_hot, "window": windows.reshape(len(windows), -1)})[0]
-        return flat.reshape(len(windows), len(self.mode.sequence), LOWER_BODY.size)
+        flat = self.sessions["decoder"].run(None, {"codes": one_hot, "features": features})[0]
+        return flat.reshape(len(codes), len(self.mode.sequence), LOWER_BODY.size)
 
 
 @dataclass(frozen=True)

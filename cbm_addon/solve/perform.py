@@ -14,7 +14,8 @@ from ..motion.rotations import Array, quat_from_sixd
 from ..progress import Progress, part
 from ..takes.take import Take
 from .candidates import choose_next, choose_path, draw, gumbel_noise, own_cost
-from .models import Model, ModeNetworks
+from .mirroring import mean, mirror_performance, mirror_take
+from .models import Estimate, Model, ModeNetworks
 from .performance import Performance
 
 HOP = 5  # frames between the sequences of look-ahead mode
@@ -51,7 +52,20 @@ def sampled(take: Take, times: np.ndarray) -> Take:
 
 
 def perform(take: Take, head_height: float, model: Model, options: SolveOptions) -> Generator[Progress, None, Performance]:
-    """Stages 1 and 2 on a calibrated take; `head_height` is the standing height of the head joint, metres."""
+    """Stages 1 and 2 on a calibrated take; `head_height` is the standing height of the head joint, metres.
+
+    Half of the candidates answer the take's mirror image, and the performance is the mean of both answers. A variation other than 0 is one
+    answer alone, and so more decided.
+    """
+    if options.variation or options.candidates == 1:
+        return (yield from _perform(take, head_height, model, options))
+    half = replace(options, candidates=(options.candidates + 1) // 2)
+    seen = yield from part(_perform(take, head_height, model, half), 0, 0.5)
+    mirrored = yield from part(_perform(mirror_take(take), head_height, model, half), 0.5, 1)
+    return mean(seen, mirror_performance(mirrored))
+
+
+def _perform(take: Take, head_height: float, model: Model, options: SolveOptions) -> Generator[Progress, None, Performance]:
     networks = model.networks(options.mode)
     take = at_rate(take)
     trackers, anchors = tracker_frames(take, head_height)
@@ -76,17 +90,17 @@ class _Sampler:
         self.noise = gumbel_noise(options.candidates, networks.channels, networks.classes, options.seed, options.variation)
         self.consensus = options.variation == 0
 
-    def windows(self, frames: np.ndarray) -> Array:
-        return self.trackers.seen_from(self.anchors[frames], frames[:, None] + np.array(self.networks.mode.window))
+    def estimate(self, frames: np.ndarray) -> Estimate:
+        return self.networks.estimate(self.trackers.seen_from(self.anchors[frames], frames[:, None] + np.array(self.networks.mode.window)))
 
-    def control(self, windows: Array, frames: np.ndarray) -> Array:
+    def control(self, estimate: Estimate, frames: np.ndarray) -> Array:
         """Stage 1 in world axes: vectors [N, S, V, 3]."""
-        return Frames.to_world(CONTROL, self.networks.control(windows), self.anchors[frames])[0]
+        return Frames.to_world(CONTROL, estimate.control, self.anchors[frames])[0]
 
-    def decode(self, codes: np.ndarray, windows: Array, frames: np.ndarray) -> tuple[Array, Array]:
-        """Stage 2 in world axes: vectors [N, K, S, V, 3] and contacts [N, K, S, 4] of codes int [N, K, C]."""
+    def decode(self, codes: np.ndarray, features: Array, frames: np.ndarray) -> tuple[Array, Array]:
+        """Stage 2 in world axes: vectors [N, K, S, V, 3] and contacts [N, K, S, 4] of codes int [N, K, C] and features [N, H]."""
         count, candidates = codes.shape[:2]
-        sequences = self.networks.decode(codes.reshape(count * candidates, -1), np.repeat(windows, candidates, axis=0))
+        sequences = self.networks.decode(codes.reshape(count * candidates, -1), np.repeat(features, candidates, axis=0))
         return Frames.to_world(LOWER_BODY, sequences.reshape(count, candidates, *sequences.shape[1:]), self.anchors[frames])
 
     def cost(self, paths: Array, control: Array) -> Array:
@@ -99,13 +113,14 @@ def _batches(frames: np.ndarray) -> list[np.ndarray]:
 
 def _sample_whole(sampler: _Sampler, frames: np.ndarray) -> Generator[Progress, None, tuple[Array, tuple[Array, Array]]]:
     """Draws candidates for all hops, finds the best path through them, and decodes the winners in full."""
-    controls, codes, paths = [], [], []
+    controls, codes, features, paths = [], [], [], []
     for i, chunk in enumerate(_batches(frames)):
         yield Progress(0.8 * i * BATCH / len(frames), "sampling the codebook")
-        windows = sampler.windows(chunk)
-        controls.append(sampler.control(windows, chunk))
-        codes.append(draw(sampler.networks, windows, sampler.noise))
-        paths.append(sampler.decode(codes[-1], windows, chunk)[0][..., : len(LOWER_JOINTS), :].copy())
+        estimate = sampler.estimate(chunk)
+        controls.append(sampler.control(estimate, chunk))
+        codes.append(draw(estimate.logits, sampler.noise))
+        features.append(estimate.features)
+        paths.append(sampler.decode(codes[-1], estimate.features, chunk)[0][..., : len(LOWER_JOINTS), :].copy())
     yield Progress(0.8, "choosing")
     control = np.concatenate(controls)
     candidates = np.concatenate(paths)
@@ -114,7 +129,7 @@ def _sample_whole(sampler: _Sampler, frames: np.ndarray) -> Generator[Progress, 
     parts = []
     for i, chunk in enumerate(_batches(frames)):
         yield Progress(0.9 + 0.1 * i * BATCH / len(frames), "decoding")
-        parts.append(sampler.decode(winners[i * BATCH : i * BATCH + len(chunk)], sampler.windows(chunk), chunk))
+        parts.append(sampler.decode(winners[i * BATCH : i * BATCH + len(chunk)], features[i], chunk))
     return control, _joined(parts)
 
 
@@ -123,9 +138,9 @@ def _sample_causally(sampler: _Sampler, frames: np.ndarray) -> Generator[Progres
     controls, parts, current = [], [], None
     for i, chunk in enumerate(_batches(frames)):
         yield Progress(i * BATCH / len(frames), "sampling the codebook")
-        windows = sampler.windows(chunk)
-        controls.append(sampler.control(windows, chunk))
-        vectors, contacts = sampler.decode(draw(sampler.networks, windows, sampler.noise), windows, chunk)
+        estimate = sampler.estimate(chunk)
+        controls.append(sampler.control(estimate, chunk))
+        vectors, contacts = sampler.decode(draw(estimate.logits, sampler.noise), estimate.features, chunk)
         paths = vectors[..., : len(LOWER_JOINTS), :]
         own = sampler.cost(paths, controls[-1])
         chosen = np.empty(len(chunk), dtype=int)

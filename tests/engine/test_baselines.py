@@ -149,13 +149,13 @@ def test_matches_fade_into_each_other(mode: str) -> None:
 
 
 class Session:
-    """Stands for an ONNX session: a function of the inputs by name."""
+    """Stands for an ONNX session: functions of the inputs by name."""
 
-    def __init__(self, answer: Callable[..., Array]) -> None:
-        self.answer = answer
+    def __init__(self, *answers: Callable[..., Array]) -> None:
+        self.answers = answers
 
-    def run(self, outputs: None, inputs: dict[str, Array]) -> list[Array]:
-        return [self.answer(**inputs)]
+    def run(self, outputs: list[str] | None, inputs: dict[str, Array]) -> list[Array]:
+        return [answer(**inputs) for answer in self.answers]
 
 
 def random_model(channels: int = 4, classes: int = 8) -> Model:
@@ -168,9 +168,8 @@ def random_model(channels: int = 4, classes: int = 8) -> Model:
         logits = random.normal(size=(window, channels * classes)).astype(np.float32)
         lower_body = random.normal(size=(channels * classes, sequence * LOWER_BODY.size)).astype(np.float32)
         sessions = {
-            "control": Session(lambda window, control=control: window @ control),
-            "estimator": Session(lambda window, logits=logits: window @ logits),
-            "decoder": Session(lambda codes, window, lower_body=lower_body: codes @ lower_body),
+            "estimator": Session(lambda window, control=control: window @ control, lambda window, logits=logits: window @ logits, lambda window: window),
+            "decoder": Session(lambda codes, features, lower_body=lower_body: codes @ lower_body),
         }
         modes[mode.name] = ModeNetworks(mode, channels, classes, sessions)
     return Model(Path("random"), {"name": "random"}, modes)
@@ -181,11 +180,13 @@ def test_shuffled_codes_are_those_of_other_frames(mode: str) -> None:
     model = random_model()
     own, shuffled = model.networks(mode), shuffle_codes(model, seed=1).networks(mode)
     windows = np.random.default_rng(0).normal(size=(30, len(own.mode.window), TRACKERS.size)).astype(np.float32)
-    codes, dealt = own.estimate(windows), shuffled.estimate(windows)
+    estimate, shuffle = own.estimate(windows), shuffled.estimate(windows)
+    codes, dealt = estimate.logits, shuffle.logits
     assert sorted(codes.sum((1, 2)).tolist()) == sorted(dealt.sum((1, 2)).tolist())
     assert np.mean([np.array_equal(a, b) for a, b in zip(codes, dealt, strict=True)]) < 0.2
-    np.testing.assert_array_equal(dealt, shuffled.estimate(windows))
-    np.testing.assert_array_equal(own.control(windows), shuffled.control(windows))
+    np.testing.assert_array_equal(dealt, shuffled.estimate(windows).logits)
+    np.testing.assert_array_equal(estimate.control, shuffle.control)
+    np.testing.assert_array_equal(estimate.features, shuffle.features)
 
 
 def test_shuffled_codes_change_the_legs_and_nothing_above(body_motion: Motion) -> None:

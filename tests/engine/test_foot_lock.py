@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cbm_addon.solve.foot_lock import contact_states, lock_causally, solve_paths, without_blips
+from cbm_addon.solve.foot_lock import CONTACT, VELOCITY, contact_states, lock_causally, solve_paths, without_blips
 
 RATE = 30.0
 
@@ -43,7 +43,7 @@ def test_the_solution_is_the_least_squares_optimum() -> None:
     still = contact[1:, 0] & contact[:-1, 0]
     rows, right = [np.eye(12)], [positions[:, 0]]
     for t in range(1, 12):
-        weight = np.sqrt(1000.0 if still[t - 1] else 20.0)
+        weight = np.sqrt(CONTACT if still[t - 1] else VELOCITY)
         row = np.zeros((1, 12))
         row[0, t], row[0, t - 1] = weight, -weight
         rows.append(row)

@@ -30,9 +30,10 @@ def test_a_model_gives_sequences_for_windows(small_model_folder: Path) -> None:
     for name, mode in MODES.items():
         networks = model.networks(name)
         windows = np.zeros((3, len(mode.window), TRACKERS.size), np.float32)
-        logits = networks.estimate(windows)
-        assert logits.shape == (3, networks.channels, networks.classes)
-        assert networks.decode(logits.argmax(-1), windows).shape[:2] == (3, len(mode.sequence))
+        estimate = networks.estimate(windows)
+        assert estimate.control.shape[:2] == (3, len(mode.sequence))
+        assert estimate.logits.shape == (3, networks.channels, networks.classes)
+        assert networks.decode(estimate.logits.argmax(-1), estimate.features).shape[:2] == (3, len(mode.sequence))
 
 
 @pytest.mark.parametrize(
@@ -43,7 +44,7 @@ def test_a_model_gives_sequences_for_windows(small_model_folder: Path) -> None:
         (lambda card: card["modes"]["causal"]["features"].update(rate=60.0), "rate"),
         (lambda card: card["modes"]["causal"]["features"]["window"].reverse(), "features"),
         (lambda card: card["modes"].update(sideways=card["modes"]["causal"]), "sideways"),
-        (lambda card: card["files"]["causal.control.onnx"].update(sha256="0"), "checksum"),
+        (lambda card: card["files"]["causal.estimator.onnx"].update(sha256="0"), "checksum"),
     ],
 )
 def test_a_card_that_does_not_fit_is_refused(folder: Path, change, said: str) -> None:

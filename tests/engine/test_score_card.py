@@ -13,16 +13,20 @@ import pytest
 from cbm_addon.errors import InputError
 from cbm_addon.evaluate.baselines import carry_legs
 from cbm_addon.evaluate.behaviours import behaviours_of
-from cbm_addon.evaluate.methods import legs_carried
+from cbm_addon.evaluate.methods import legs_carried, rival_methods
+from cbm_addon.evaluate.metrics import measure
 from cbm_addon.evaluate.report import BETTER, DRAWN, drawing, markdown
+from cbm_addon.evaluate.robustness import DISTURBANCES, disturbed
 from cbm_addon.evaluate.score_card import by_behaviour, score_card, summarize
 from cbm_addon.features import RATE
 from cbm_addon.motion.bvh import write_bvh
 from cbm_addon.motion.motion import Motion
-from cbm_addon.motion.skeleton import Skeleton
+from cbm_addon.motion.skeleton import BODY_JOINTS, Skeleton
 from cbm_addon.progress import Progress, run
+from cbm_addon.solve.models import load_model
 from cbm_addon.solve.perform import SolveOptions
 from cbm_addon.solve.performance import Performance
+from cbm_addon.takes.synthesize import synthesize
 from cbm_addon.takes.take import Take
 
 
@@ -129,3 +133,37 @@ def test_the_drawing_has_a_bar_for_every_value_and_none_is_longer_than_the_large
     bars = [float(rect.get("width")) for rect in drawn.iter("{http://www.w3.org/2000/svg}rect") if rect.get("fill") != "white"]
     assert len(bars) == 2 * len(DRAWN)
     assert bars[0] == pytest.approx(max(bars) / 2, abs=0.1)
+
+
+def test_badly_tracked_takes_are_solved_too_where_it_is_asked(clips: list[Path]) -> None:
+    card = run(score_card(clips[1:], {"legs-carried": legs_carried}, [SolveOptions()], disturb=("legs-carried",)))
+    metrics = card["rows"][0]["metrics"]
+    assert all(np.isfinite(metrics[f"{name}_lower_mpjpe_cm"]) for name in DISTURBANCES)
+
+
+def test_a_disturbance_does_what_its_name_says(body_motion: Motion) -> None:
+    body, clean = body_motion.skeleton.subset(BODY_JOINTS), synthesize(body_motion)
+    takes = {name: disturbed(name, body_motion, body) for name in DISTURBANCES}
+    wrist = {name: np.linalg.norm(take.positions - clean.positions, axis=-1)[:, 1] for name, (take, _) in takes.items()}
+    assert 0.005 < np.median(wrist["offsets"]) < 0.15
+    assert 0.005 < np.median(wrist["noise"]) < 0.04
+    assert takes["height"][1].height_above_toes() == pytest.approx(1.1 * body.height_above_toes(), rel=1e-5)
+    lost = ~takes["lost_hand"][0].tracked[:, 1]
+    assert 3.5 * RATE < lost.sum() < 5.5 * RATE
+    assert wrist["lost_hand"][~lost].max() < 1e-4
+    assert all(np.isfinite(take.positions).all() for take, _ in takes.values())
+
+
+def test_a_truth_that_stands_still_is_no_measure_of_detail(body_motion: Motion) -> None:
+    still = part_of(body_motion, 0, 30)
+    still = replace(still, root=still.root[:1].repeat(30, 0), rotations=still.rotations[:1].repeat(30, 0))
+    metrics = measure(part_of(body_motion, 60, 90), still)
+    assert np.isnan(metrics["detail_ratio"])
+    assert np.isnan(metrics["jitter_ratio"])
+
+
+def test_other_models_are_rows_by_their_names(small_model_folder: Path) -> None:
+    model = load_model(small_model_folder)
+    assert list(rival_methods([model], ["causal"])) == ["small"]
+    with pytest.raises(InputError, match="small"):
+        rival_methods([model, model], ["causal"])

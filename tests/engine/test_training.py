@@ -17,6 +17,7 @@ from cbm_addon.learn.config import TrainConfig, read_config  # noqa: E402
 from cbm_addon.learn.dataset import Dataset, clip_frames, join, read_body_motion, stands_on_a_floor  # noqa: E402
 from cbm_addon.learn.export import export  # noqa: E402
 from cbm_addon.learn.networks import CodebookMatching, matching_loss, sample_codes  # noqa: E402
+from cbm_addon.learn.rivals import ConditionalVae  # noqa: E402
 from cbm_addon.learn.split import CORE_SPLIT, read_split, split_of  # noqa: E402
 from cbm_addon.learn.training import train_mode  # noqa: E402
 from cbm_addon.motion.bvh import write_bvh  # noqa: E402
@@ -28,7 +29,7 @@ from cbm_addon.progress import run  # noqa: E402
 from cbm_addon.solve.models import load_model  # noqa: E402
 from cbm_addon.takes.sample_motion import sample_motion  # noqa: E402
 
-CONFIG = TrainConfig(name="test", channels=4, classes=4, hidden=16, epochs=2, batch=64, modes=("lookahead",))
+CONFIG = TrainConfig(name="test", channels=4, classes=4, hidden=16, blocks=1, code_blocks=1, epochs=2, batch=64, modes=("lookahead",))
 MODE = MODES["lookahead"]
 
 
@@ -65,13 +66,15 @@ def test_the_exported_networks_compute_what_the_trained_ones_do(data: dict[str, 
     x = stats["window"].normalise(torch.from_numpy(windows.reshape(10, -1)))
     one_hot = torch.nn.functional.one_hot(torch.from_numpy(codes), 4).float()
     with torch.no_grad():
+        features = networks.trunk(x)
         expected = {
-            "control": stats["control"].restore(networks.control(x)),
-            "logits": networks.lower_body.logits(networks.lower_body.estimator, x),
-            "lower body": stats["lower_body"].restore(networks.lower_body.decode(one_hot, x)),
+            "control": stats["control"].restore(networks.control(features)),
+            "logits": networks.lower_body.logits(networks.lower_body.estimator, features),
+            "lower body": stats["lower_body"].restore(networks.lower_body.decode(one_hot, features)),
         }
-    found = {"control": loaded.control(windows), "logits": loaded.estimate(windows), "lower body": loaded.decode(codes, windows)}
-    for name, values in expected.items():  # fp16 weights: a thousandth of the values' size
+    estimate = loaded.estimate(windows)
+    found = {"control": estimate.control, "logits": estimate.logits, "lower body": loaded.decode(codes, estimate.features)}
+    for name, values in expected.items():  # fp16 and 8-bit weights: a hundredth of the values' size
         np.testing.assert_allclose(found[name].reshape(10, -1), values.numpy().reshape(10, -1), atol=5e-3, err_msg=name)
 
 
@@ -172,3 +175,44 @@ def test_a_configuration_that_cannot_be_meant_is_refused(tmp_path: Path) -> None
         (tmp_path / "config.toml").write_text(text)
         with pytest.raises(InputError, match=said):
             read_config(tmp_path / "config.toml")
+
+
+RIVALS = {
+    "regressor": {"channels": 1, "classes": 1},
+    "conditional VAE": {"latent": "gaussian"},
+    "continuous latent": {"latent": "continuous"},
+    "no sampling": {"sampled": False},
+    "not end to end": {"end_to_end": False},
+    "the paper's loss, codes alone": {"matching": "paper", "decoder_sees_window": False},
+}
+
+
+@pytest.mark.parametrize("rival", RIVALS)
+def test_every_rival_is_exported_as_codes_and_a_decoder(rival: str, data: dict[str, Dataset], tmp_path: Path) -> None:
+    networks = run(train_mode(data, MODE, replace(CONFIG, epochs=1, **RIVALS[rival]), tmp_path / "checkpoint.npz", False))
+    export([networks], tmp_path / "model", {"name": "test", "version": "0", "licence": "none", "training": {"clips": {"train": 1}}})
+    loaded, net = load_model(tmp_path / "model").networks("lookahead"), networks.lower_body
+    windows, _, _ = data["validation"].batch(np.arange(0, 100, 10), MODE)
+    estimate = loaded.estimate(windows)
+    codes = np.random.default_rng(0).integers(loaded.classes, size=(10, loaded.channels))
+    with torch.no_grad():
+        one_hot = torch.nn.functional.one_hot(torch.from_numpy(codes), loaded.classes).float()
+        expected = networks.statistics["lower_body"].restore(net.decode(one_hot, torch.from_numpy(estimate.features)))
+    np.testing.assert_allclose(loaded.decode(codes, estimate.features).reshape(10, -1), expected.numpy(), atol=5e-3)
+
+
+def test_the_latent_of_the_vae_is_drawn_from_a_normal_distribution() -> None:
+    net = ConditionalVae(inputs=3, outputs=2, hidden=8, dropout=0.0, blocks=1)
+    codes = sample_codes(net.logits(net.estimator, torch.zeros(500, 3)))
+    drawn = (codes.flatten(-2) @ net.table.T).flatten()
+    assert abs(float(drawn.mean())) < 0.02
+    assert abs(float(drawn.std()) - 1) < 0.03
+
+
+def test_an_encoder_that_does_not_feel_the_matching_learns_from_reconstruction_alone() -> None:
+    net = CodebookMatching(2, 2, 3, 4, 8, 0.0)
+    net.end_to_end = False
+    _, matching = net.losses(torch.randn(16, 2), torch.randn(16, 2), "kl")
+    matching.backward()
+    assert all(parameter.grad is None for parameter in net.encoder.parameters())
+    assert any(parameter.grad is not None for parameter in net.estimator.parameters())

@@ -1,0 +1,63 @@
+"""What recordings have and clips have not: heads that look around, hands that are lost, heights that are misjudged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..features import Layout
+from ..motion.rotations import Array, multiply, quat_from_yaw
+from ..takes.gaps import fill
+from ..takes.take import HANDS, HEAD, Take
+
+LOOK = np.radians(35)  # the deviation of the angles to which the head turns
+STRAIGHT = 0.4  # how often it turns back to where the body looks
+TURNING, RESTING = (0.4, 1.5), (0.2, 2.5)  # seconds that a turn takes, and the rest after it
+NEVER = 0.1  # how often a hand is not tracked at all
+SEEN = 4.0  # seconds, the mean of how long a hand is seen between two losses
+LOST = (0.3, 6.0)  # seconds that a loss lasts
+
+
+def roughen(take: Take, stature: float, seed: int) -> Take:
+    """The same performance by somebody who looks around, with hands that are lost now and then."""
+    random = np.random.default_rng(seed)
+    return lose_hands(look_around(take, random), stature, random)
+
+
+def look_around(take: Take, random: np.random.Generator) -> Take:
+    """A take whose head also turns to the sides and back, about the vertical through its joint: the body must not turn with it."""
+    times, angles = [float(take.times[0])], [0.0]
+    while times[-1] < take.times[-1]:
+        aim = 0.0 if random.random() < STRAIGHT else random.normal(scale=LOOK)
+        for angle, seconds in ((aim, random.uniform(*TURNING)), (aim, random.uniform(*RESTING))):
+            times.append(times[-1] + seconds)
+            angles.append(angle)
+    key = np.clip(np.searchsorted(times, take.times, side="right") - 1, 0, len(times) - 2)
+    start, end = np.array(times)[key], np.array(times)[key + 1]
+    share = (take.times - start) / (end - start)
+    share = share * share * (3 - 2 * share)
+    yaw = np.array(angles)[key] * (1 - share) + np.array(angles)[key + 1] * share
+    rotations = take.rotations.copy()
+    rotations[:, HEAD] = multiply(quat_from_yaw(yaw).astype(np.float32), rotations[:, HEAD])
+    return replace(take, rotations=rotations)
+
+
+def lose_hands(take: Take, stature: float, random: np.random.Generator) -> Take:
+    """A take whose hands are lost now and then, each by itself, and filled in as calibration fills a recording."""
+    tracked = np.ones(take.tracked.shape, dtype=bool)
+    for hand in HANDS:
+        if random.random() < NEVER:
+            tracked[:, hand] = False
+        time = random.exponential(SEEN)
+        while time < take.times[-1]:
+            end = time + random.uniform(*LOST)
+            tracked[(take.times >= time) & (take.times < end), hand] = False
+            time = end + random.exponential(SEEN)
+    positions, rotations = fill(take.times, take.positions, take.rotations, tracked, stature)
+    return replace(take, positions=positions, rotations=rotations)
+
+
+def misjudge_height(layout: Layout, features: Array, factors: Array) -> Array:
+    """Features [N, O, layout.size] in units of a head height that is wrong by the factors [N]."""
+    return np.where(layout.lengths, features * factors[:, None, None], features)
