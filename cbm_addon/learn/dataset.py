@@ -13,11 +13,11 @@ import numpy as np
 from ..errors import InputError
 from ..features import RATE, TRACKERS, Frames, Mode, control_frames, lower_body_frames, tracker_frames
 from ..motion.bvh import read_bvh
-from ..motion.ground_frame import GroundFrame
+from ..motion.ground_frame import GroundFrame, ground_frame
 from ..motion.mirror import mirror
 from ..motion.motion import Motion
 from ..motion.resample import frame_times, resample
-from ..motion.rotations import Array
+from ..motion.rotations import Array, rotate
 from ..motion.skeleton import BODY_JOINTS
 from ..progress import Progress
 from ..takes.synthesize import synthesize
@@ -25,6 +25,7 @@ from .augment import roughen
 from .split import split_of
 
 MINIMUM_SECONDS = 1.5
+SHOULDERS_LIMIT, HEAD_LIMIT = np.radians((90, 120))  # from the hips, in the middle of a clip's frames: nobody turns farther for half of the time
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,22 @@ def read_body_motion(path: Path) -> Motion:
 def stands_on_a_floor(motion: Motion) -> bool:
     """Whether the head stays above z = 0: where it does not, the clip's floor is not where its feet are."""
     return bool(motion.positions()[:, motion.skeleton.index("Head"), 2].min() > 0)
+
+
+def faces_one_way(motion: Motion) -> bool:
+    """Whether shoulders and head mostly face where the hips do: in broken recordings arms are on the wrong sides or the head looks backwards."""
+    rotations, positions = motion.forward()
+    skeleton = motion.skeleton
+
+    def across(joint: str) -> Array:
+        return (positions[:, skeleton.index(f"Left{joint}")] - positions[:, skeleton.index(f"Right{joint}")])[:, :2]
+
+    hips, shoulders = across("UpLeg"), across("Arm")
+    head = rotate(ground_frame(positions[:, skeleton.index("Head")], rotations[:, skeleton.index("Head")]).rotation, np.array([1, 0, 0], np.float32))[:, :2]
+    return all(
+        np.median(np.sum(hips * left, axis=-1)) > np.cos(limit) * np.median(np.linalg.norm(hips, axis=-1) * np.linalg.norm(left, axis=-1))
+        for left, limit in ((shoulders, SHOULDERS_LIMIT), (head, HEAD_LIMIT))
+    )
 
 
 @dataclass(frozen=True)
@@ -173,7 +190,7 @@ def read_datasets(clips: list[Path], split: dict[str, str], mirrored: bool = Tru
         if name not in chosen:
             continue
         motion = read_body_motion(path)
-        if motion.seconds < MINIMUM_SECONDS or not stands_on_a_floor(motion):
+        if motion.seconds < MINIMUM_SECONDS or not stands_on_a_floor(motion) or not faces_one_way(motion):
             continue
         chosen[name].append(clip_frames(path.stem, motion))
         if mirrored and name == "train":

@@ -1,6 +1,6 @@
 """Which clips train, which choose between models (validation) and which are reported (test): never split by frame.
 
-A split file is JSON: {"rule": text, "clips": {stem: {"split": "train"|"validation"|"test", "by": "performer"|"clip"}}}. Performers whose
+A split file is JSON: {"rule": text, "clips": {stem: {"split": "train"|"validation"|"test"|"unused", "by": "performer"|"clip"}}}. Performers whose
 behaviour others also show are held out whole ("performer"); behaviours that one performer shows alone are divided by clip ("clip").
 """
 

@@ -8,6 +8,7 @@ from ..motion.rotations import Array
 
 CONSENSUS = 1.0  # weight of agreeing with the candidates' own mean
 CONTROL = 0.5  # weight of agreeing with stage 1 on the path of the hips
+NEAR = 0.05  # head heights: candidates about so far from the chosen one say the same
 TRANSITION = 2.0  # weight of agreeing with the neighbour over the frames that both cover
 
 
@@ -70,3 +71,9 @@ def choose_next(own: Array, paths: Array, current: Array | None) -> int:
     if current is None:
         return int(np.argmin(own))
     return int(np.argmin(own + TRANSITION * _distance(paths[:, :-1], current[None, 1:])))
+
+
+def agreement(paths: Array, chosen: int) -> Array:
+    """Weights [K], summing to 1, of candidates [K, S, J, 3] by how near they are to the chosen one: their mean is steadier than it is."""
+    weights = np.exp(-_distance(paths, paths[chosen][None]) / (2 * NEAR**2))
+    return weights / weights.sum()

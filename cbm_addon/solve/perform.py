@@ -13,12 +13,13 @@ from ..motion.resample import frame_times, lerp_samples, slerp_samples
 from ..motion.rotations import Array, quat_from_sixd
 from ..progress import Progress, part
 from ..takes.take import Take
-from .candidates import choose_next, choose_path, draw, gumbel_noise, own_cost
+from .candidates import agreement, choose_next, choose_path, draw, gumbel_noise, own_cost
 from .mirroring import mean, mirror_performance, mirror_take
 from .models import Estimate, Model, ModeNetworks
 from .performance import Performance
 
 HOP = 5  # frames between the sequences of look-ahead mode
+FORGET = 3  # frames after which what was predicted counts a third, in causal mode
 BATCH = 64  # anchors per network call
 
 
@@ -134,7 +135,7 @@ def _sample_whole(sampler: _Sampler, frames: np.ndarray) -> Generator[Progress, 
 
 
 def _sample_causally(sampler: _Sampler, frames: np.ndarray) -> Generator[Progress, None, tuple[Array, tuple[Array, Array]]]:
-    """Draws candidates for every frame and keeps the one that continues what was chosen before."""
+    """Draws candidates for every frame and keeps those that continue what was chosen before and agree with each other."""
     controls, parts, current = [], [], None
     for i, chunk in enumerate(_batches(frames)):
         yield Progress(i * BATCH / len(frames), "sampling the codebook")
@@ -143,12 +144,12 @@ def _sample_causally(sampler: _Sampler, frames: np.ndarray) -> Generator[Progres
         vectors, contacts = sampler.decode(draw(estimate.logits, sampler.noise), estimate.features, chunk)
         paths = vectors[..., : len(LOWER_JOINTS), :]
         own = sampler.cost(paths, controls[-1])
-        chosen = np.empty(len(chunk), dtype=int)
+        weights = np.zeros(own.shape, np.float32)
         for frame in range(len(chunk)):
-            chosen[frame] = choose_next(own[frame], paths[frame], current)
-            current = paths[frame, chosen[frame]]
-        picked = np.arange(len(chunk)), chosen
-        parts.append((vectors[picked][:, None], contacts[picked][:, None]))
+            chosen = choose_next(own[frame], paths[frame], current)
+            weights[frame] = agreement(paths[frame], chosen) if sampler.consensus else np.arange(len(own[frame])) == chosen
+            current = np.tensordot(weights[frame], paths[frame], 1)
+        parts.append(tuple(np.einsum("hk,hk...->h...", weights, values)[:, None] for values in (vectors, contacts)))
     return np.concatenate(controls), _joined(parts)
 
 
@@ -166,7 +167,7 @@ def _overlap_weights(networks: ModeNetworks) -> Array:
 
 def _past_weights(networks: ModeNetworks) -> Array:
     """Newer sequences count more; a frame is the mean of what was said of it until then."""
-    return np.exp(-np.arange(len(networks.mode.sequence)) / 5).astype(np.float32)
+    return np.exp(-np.arange(len(networks.mode.sequence)) / FORGET).astype(np.float32)
 
 
 class Join:

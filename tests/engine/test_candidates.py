@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+import pytest
 
-from cbm_addon.solve.candidates import TRANSITION, choose_next, choose_path, gumbel_noise
+from cbm_addon.solve.candidates import TRANSITION, agreement, choose_next, choose_path, gumbel_noise
 
 
 def test_the_path_is_the_best_of_all_paths() -> None:
@@ -41,3 +42,13 @@ def test_noise_is_seeded_and_the_first_candidate_of_the_main_answer_is_the_most_
     assert not gumbel_noise(4, 6, 8, 1, 0)[0].any()
     assert gumbel_noise(4, 6, 8, 1, 1)[0].any()
     assert not np.array_equal(gumbel_noise(4, 6, 8, 1, 1), gumbel_noise(4, 6, 8, 1, 2))
+
+
+def test_candidates_that_agree_with_the_chosen_one_share_its_weight_and_others_have_none() -> None:
+    paths = np.zeros((4, 15, 9, 3), np.float32)
+    paths[1] += 0.01
+    paths[3] += 0.4
+    weights = agreement(paths, 0)
+    assert weights.sum() == pytest.approx(1)
+    np.testing.assert_allclose(weights[:3], 1 / 3, atol=0.02)
+    assert weights[3] < 1e-6
