@@ -14,6 +14,7 @@ from ..motion.rotations import Array, quat_from_sixd
 from ..progress import Progress, part
 from ..takes.take import Take
 from .candidates import agreement, choose_next, choose_path, draw, gumbel_noise, own_cost
+from .idle import settle
 from .mirroring import mean, mirror_performance, mirror_take
 from .models import Estimate, Model, ModeNetworks
 from .performance import Performance
@@ -58,17 +59,18 @@ def perform(take: Take, head_height: float, model: Model, options: SolveOptions)
     Half of the candidates answer the take's mirror image, and the performance is the mean of both answers. A variation other than 0 is one
     answer alone, and so more decided.
     """
+    take = at_rate(take)
     if options.variation or options.candidates == 1:
-        return (yield from _perform(take, head_height, model, options))
+        return settle((yield from _perform(take, head_height, model, options)), take)
     half = replace(options, candidates=(options.candidates + 1) // 2)
     seen = yield from part(_perform(take, head_height, model, half), 0, 0.5)
     mirrored = yield from part(_perform(mirror_take(take), head_height, model, half), 0.5, 1)
-    return mean(seen, mirror_performance(mirrored))
+    return settle(mean(seen, mirror_performance(mirrored)), take)
 
 
 def _perform(take: Take, head_height: float, model: Model, options: SolveOptions) -> Generator[Progress, None, Performance]:
+    """One answer to a take sampled at RATE."""
     networks = model.networks(options.mode)
-    take = at_rate(take)
     trackers, anchors = tracker_frames(take, head_height)
     causal = options.mode == "causal"
     frames = np.arange(0, len(take.times), 1 if causal else HOP)
