@@ -32,13 +32,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--best-of-16", action="store_true", help="also the error of the best of 16 variations of ours (slow)")
     parser.add_argument("--rivals", type=Path, nargs="+", default=[], metavar="DIR", help="other model folders, each a row by the name in its card")
     parser.add_argument("--disturb", action="store_true", help="also the error of ours on badly tracked takes (four more solves per clip)")
+    parser.add_argument("--strips", action="store_true", help="also draw the first method's answer to every clip beside the truth, into the report")
     parser.add_argument("--report", type=Path, metavar="DIR", help=f"write {' and '.join(REPORT_FILES)} to this folder")
 
 
 def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
     from ..evaluate.methods import OF_A_MODEL, prepare_methods, rival_methods
     from ..evaluate.report import drawing, markdown
-    from ..evaluate.score_card import score_card
+    from ..evaluate.score_card import score_card, strips
     from ..outputs import replacing_all
     from ..solve.models import load_model
     from ..solve.perform import SolveOptions
@@ -47,9 +48,12 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
         raise InputError("--seed", f"is {args.seed}; it is a number from 0")
     clips, splits = choose_clips(args.clips, args.split, args.limit)
     methods, modes = list(dict.fromkeys(args.methods)), list(dict.fromkeys(args.mode))
+    if args.strips and not args.report:
+        raise InputError("--strips", "are drawn into the report; name its folder with --report")
+    drawings = [f"strip_{clip.stem}.svg" for clip in clips] if args.strips else []
     if args.report:
         args.report.mkdir(parents=True, exist_ok=True)
-    with replacing_all([args.report / name for name in REPORT_FILES], args.overwrite) if args.report else nullcontext() as report:
+    with replacing_all([args.report / name for name in (*REPORT_FILES, *drawings)], args.overwrite) if args.report else nullcontext() as report:
         model = load_model(args.model) if set(methods) & set(OF_A_MODEL) else None
         prepared = console.run(prepare_methods(methods, modes, model, args.database))
         prepared |= rival_methods([load_model(folder) for folder in args.rivals], modes)
@@ -58,9 +62,12 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
         card = console.run(score_card(clips, prepared, options, ours if args.best_of_16 else (), ours if args.disturb else ()))
         facts = {"model": model.name if model else None, "clips": len(clips), "seconds_of_clips": _seconds(card), "splits": splits}
         if report:
-            tables, chart = report
+            tables, chart, *pictures = report
             tables.write_text(markdown(card, _about(facts, modes, options[0])), encoding="utf-8")
             chart.write_text(drawing(card), encoding="utf-8")
+            if pictures:
+                for path, picture in zip(pictures, console.run(strips(clips, next(iter(prepared.values())), options[0])), strict=True):
+                    path.write_text(picture, encoding="utf-8")
     for method, by_mode in card["summary"].items():
         for mode, metrics in by_mode.items():
             console.say(f"{method}, {mode}: " + ", ".join(f"{name} {metrics[name]:.2f}" for name in SUMMARY_LINE))

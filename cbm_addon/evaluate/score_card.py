@@ -22,6 +22,7 @@ from .behaviours import behaviours_of
 from .methods import Method
 from .metrics import LEAST_FRAMES, measure, measure_raw, weighted_means
 from .robustness import DISTURBANCES, disturbed
+from .strip import strip
 
 Row = dict[str, Any]
 
@@ -78,6 +79,16 @@ def solve_and_measure(truth: Motion, method: Method, options: SolveOptions) -> d
     performance, solved = _solve(body, take, method, options)
     milliseconds = 1000 * (time.perf_counter() - started)
     return measure(solved, truth) | measure_raw(performance, truth) | {"ms_per_frame": milliseconds / len(truth)}
+
+
+def strips(clips: list[Path], method: Method, options: SolveOptions) -> Generator[Progress, None, list[str]]:
+    """A drawing of one method's answer beside the truth for each clip (strip.py)."""
+    drawn = []
+    for i, path in enumerate(clips):
+        yield Progress(i / len(clips), f"drawing {path.stem}")
+        truth = read_truth(path)
+        drawn.append(strip(truth, _solve(*_body_and_take(truth), method, options)[1], f"{path.stem}, {options.mode}"))
+    return drawn
 
 
 def best_error(truth: Motion, method: Method, options: SolveOptions) -> float:

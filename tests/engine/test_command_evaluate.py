@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from cbm_addon import cli
 from cbm_addon.commands.evaluate import choose_clips
 from cbm_addon.errors import InputError
+from cbm_addon.evaluate.strip import POSES
 from cbm_addon.features import RATE
 from cbm_addon.learn.split import split_of
 from cbm_addon.motion.bvh import write_bvh
@@ -104,3 +106,16 @@ def test_a_limit_spreads_the_clips_evenly(library: Path) -> None:
     assert choose_clips([library], "all", 9)[0] == clips
     with pytest.raises(InputError, match="--limit"):
         choose_clips([library], "all", 0)
+
+
+def test_strips_show_every_clip_beside_the_truth(evaluate, library: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    report = tmp_path / "report"
+    words = [library, "--split", "test", "--methods", "legs-carried", "--quiet", "--strips"]
+    assert evaluate(*words) == 2
+    assert "--report" in capsys.readouterr().err
+    assert evaluate(*words, "--report", report) == 0
+    for name in named("test", 2):
+        picture = ElementTree.parse(report / f"strip_{name}.svg").getroot()
+        figures = [path for path in picture.iter() if path.tag.endswith("path")]
+        assert len(figures) == 2 * 2 * POSES
+        assert len({path.get("d") for path in figures}) > POSES
