@@ -10,9 +10,10 @@ from bpy_extras.io_utils import ImportHelper
 from ..cbm_addon.errors import InputError
 from ..cbm_addon.scene.importers import import_mocap
 from ..cbm_addon.scene.rig import find_armature
+from .properties import RigProperties
 
 
-class CBM_OT_import_mocap(bpy.types.Operator, ImportHelper):
+class CBM_OT_import_mocap(bpy.types.Operator, ImportHelper, RigProperties):
     bl_idname = "cbm.import_mocap"
     bl_label = "Import Motion Capture"
     bl_description = "Put the motion of BVH, FBX or glTF files on an armature, each file as a new action in real time"
@@ -23,7 +24,7 @@ class CBM_OT_import_mocap(bpy.types.Operator, ImportHelper):
     files: bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
     use_new_armature: bpy.props.BoolProperty(
         name="New Armature",
-        description="Make an armature for each file. Otherwise bones of an existing armature with the names of the file's joints are keyed",
+        description="Make an armature for each file. Otherwise an existing armature does what the files do, whatever its bones are called",
         default=True,
     )
     armature: bpy.props.StringProperty(
@@ -42,7 +43,7 @@ class CBM_OT_import_mocap(bpy.types.Operator, ImportHelper):
         paths = [folder / name for name in names] or [Path(bpy.path.abspath(self.filepath))]
         start = self.frame_start if self.properties.is_property_set("frame_start") else context.scene.frame_start
         try:
-            results = import_mocap(context, paths, self._target(context), start)
+            results = import_mocap(context, paths, self._target(context), start, self.table(), self.root)
         except InputError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

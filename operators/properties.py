@@ -6,7 +6,11 @@ from pathlib import Path
 
 import bpy
 
+from ..cbm_addon.errors import InputError
 from ..cbm_addon.features import MODES
+from ..cbm_addon.rigs.recognize import recognize, summary
+from ..cbm_addon.rigs.tables import Table, load_table
+from ..cbm_addon.scene.rig import read_bones
 from ..cbm_addon.solve.models import DEFAULT_MODEL
 from ..cbm_addon.solve.perform import SolveOptions
 from ..cbm_addon.takes.calibrate import CalibrationOptions
@@ -53,6 +57,30 @@ class CalibrationProperties:
         )
 
 
+def map_of_bones(**more):
+    says = "File that says which bones play which joints, as `cbm rigs --save-map` writes it; they are recognised if it is empty"
+    return bpy.props.StringProperty(name="Map", description=says, subtype="FILE_PATH", **more)
+
+
+class RigProperties:
+    """Which bones play which joints, and what carries the way over the ground."""
+
+    map: map_of_bones()
+    root: bpy.props.EnumProperty(
+        name="Root Motion",
+        description="What carries the way over the ground",
+        items=[
+            ("hips", "Hips", "The hips move through the world"),
+            ("bone", "Root Bone", "The topmost bone above the hips carries them"),
+            ("object", "Object", "The armature's object moves"),
+            ("in-place", "In Place", "Nothing: the body stays over its spot"),
+        ],
+    )
+
+    def table(self) -> Table | None:
+        return load_table(Path(bpy.path.abspath(self.map))) if self.map else None
+
+
 CALIBRATION_NAMES = tuple(CalibrationProperties.__annotations__)
 
 
@@ -60,10 +88,23 @@ def _given(choice: str) -> str | None:
     return None if choice == MEASURE[0] else choice
 
 
-class CBM_PG_settings(bpy.types.PropertyGroup, CalibrationProperties):
+def describe_rig(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    """Shows in the panel what the chosen armature is taken for."""
+    if settings.rig is None:
+        settings.rig_summary = ""
+        return
+    try:
+        settings.rig_summary = "\n".join(summary(recognize(read_bones(settings.rig), settings.table())))
+    except InputError as error:
+        settings.rig_summary = f"! {error}"
+
+
+class CBM_PG_settings(bpy.types.PropertyGroup, CalibrationProperties, RigProperties):
     take: bpy.props.StringProperty(name="Take", description="The three-point recording")
     take_summary: bpy.props.StringProperty(name="Findings", description="What was found and assumed of the take, a line each")
-    rig: bpy.props.PointerProperty(name="Rig", description="The armature to animate", type=bpy.types.Object, poll=armatures_only)
+    rig: bpy.props.PointerProperty(name="Rig", description="The armature to animate", type=bpy.types.Object, poll=armatures_only, update=describe_rig)
+    map: map_of_bones(update=describe_rig)
+    rig_summary: bpy.props.StringProperty(name="Rig Facts", description="What the armature is taken for and what speaks against that, a line each")
     model: bpy.props.StringProperty(name="Model", description="The model folder; the shipped model if empty")
     model_summary: bpy.props.StringProperty(name="Model Facts", description="What the model's card says")
     mode: bpy.props.EnumProperty(

@@ -17,7 +17,7 @@ from ..operators.load_model import CBM_OT_load_model
 from ..operators.train_model import CBM_OT_train_model
 
 FINDINGS_SHOWN = 8
-WHY = re.compile(r" \((\w+).*\)$")  # of a constant: whether it was measured, given or assumed, and more that has no room in a sidebar
+WHY = re.compile(r" \((\w+).*\)$", re.MULTILINE)  # of a constant: whether it was measured, given or assumed, and more that has no room in a sidebar
 
 
 class CBM_PT_sidebar(bpy.types.Panel):
@@ -35,7 +35,7 @@ class CBM_PT_sidebar(bpy.types.Panel):
             layout.label(text="Esc cancels")
         letters = _letters(context)
         self._take(layout.box(), settings, letters)
-        self._rig(layout.box(), settings)
+        self._rig(layout.box(), settings, letters)
         self._model(layout.box(), settings, letters)
         self._bake(layout.box(), settings)
 
@@ -44,18 +44,15 @@ class CBM_PT_sidebar(bpy.types.Panel):
         name = PurePath(settings.take).name if settings.take else "Choose a Recording"
         box.operator(CBM_OT_import_take.bl_idname, text=name, icon="FILEBROWSER")
         if settings.take:
-            column = box.column(align=True)
-            column.scale_y = 0.8
-            lines = settings.take_summary.split("\n")
-            warnings = [line for line in lines if line.startswith("!")]
-            plain = [line for line in lines if not line.startswith("!")]
-            for line in (warnings + plain)[:FINDINGS_SHOWN]:
-                _label(column, WHY.sub(r" (\1)", line.removeprefix("! ")), letters, "ERROR" if line in warnings else "DOT")
+            _findings(box, WHY.sub(r" (\1)", settings.take_summary), letters)
             box.operator(CBM_OT_calibrate_take.bl_idname, icon="EMPTY_ARROWS")
 
-    def _rig(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+    def _rig(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup, letters: int) -> None:
         box.label(text="2. Rig", icon="ARMATURE_DATA")
         box.prop(settings, "rig", text="")
+        if settings.rig:
+            _findings(box, settings.rig_summary, letters)
+            box.prop(settings, "map")
         box.operator(CBM_OT_import_mocap.bl_idname, icon="IMPORT")
 
     def _model(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup, letters: int) -> None:
@@ -70,7 +67,7 @@ class CBM_PT_sidebar(bpy.types.Panel):
     def _bake(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
         box.label(text="4. Bake", icon="ACTION")
         column = box.column(align=True)
-        for name in ("part", "mode", "variation", "candidates", "seed"):
+        for name in ("part", "root", "mode", "variation", "candidates", "seed"):
             column.prop(settings, name)
         row = box.row()
         row.scale_y = 1.5
@@ -81,6 +78,15 @@ class CBM_PT_sidebar(bpy.types.Panel):
 def _letters(context: bpy.types.Context) -> int:
     """About how many letters fit beside an icon, inside a box of the sidebar."""
     return max(20, int((context.region.width / context.preferences.system.ui_scale - 85) / 6.2))
+
+
+def _findings(box: bpy.types.UILayout, summary: str, letters: int) -> None:
+    """The lines of a summary, those first that warn."""
+    column = box.column(align=True)
+    column.scale_y = 0.8
+    lines = sorted(summary.split("\n"), key=lambda line: not line.startswith("!"))
+    for line in lines[:FINDINGS_SHOWN]:
+        _label(column, line.removeprefix("! "), letters, "ERROR" if line.startswith("!") else "DOT")
 
 
 def _label(column: bpy.types.UILayout, text: str, letters: int, icon: str) -> None:

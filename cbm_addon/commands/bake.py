@@ -23,12 +23,16 @@ PRESETS = ("rigify", "rigify-metarig")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    from ..rigs.travel import ROOTS
+
     parser.add_argument("takes", type=Path, nargs="+", metavar="TAKE", help="three-point recordings; each becomes an action")
     target = parser.add_mutually_exclusive_group(required=True)
     target.add_argument("--rig", metavar="NAME", help="an armature of the file")
     target.add_argument("--preset", choices=PRESETS, help="add one of Blender's own humans")
     parser.add_argument("--blend", type=Path, metavar="IN.blend", help="the file with the armature (default: the one that is open); it is not changed")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.blend", help="the blend file to write")
+    parser.add_argument("--map", type=Path, metavar="MAP.json", help="which bones play which joints, as `cbm rigs --save-map` writes it (default: recognised)")
+    parser.add_argument("--root", choices=ROOTS, default="hips", help="what carries the way over the ground (default hips); in-place: nothing")
     parser.add_argument("--part", choices=("full", "lower"), default="full", help="lower: key hips and legs only, keep the animation of the rest")
     parser.add_argument("--variations", type=int, default=1, metavar="N", help="bake N variations of every take, from --variation on (default 1)")
     parser.add_argument("--preview", type=Path, action="append", default=[], metavar="OUT.mp4|OUT.png", help="render the first bake; may be repeated")
@@ -45,10 +49,12 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
     except ModuleNotFoundError as error:
         raise InputError(error.name or "bpy", "is not installed here; run `bake` inside Blender, or `pip install bpy`") from error
     from ..outputs import replacing_all
+    from ..rigs.tables import load_table
     from ..solve.models import load_model
 
     started = time.perf_counter()
     options = solve_options(args)
+    table = load_table(args.map) if args.map else None
     _check(args, args.blend or blend_file.opened())
     for preview in args.preview:
         check_preview(preview)
@@ -62,11 +68,11 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
         wanted = list(_wanted(args.takes, recordings, options, args.variations))
         bakes: list[dict[str, Any]] = []
         for path, calibrated, solve in reversed(wanted):  # so that the first is the one that the armature is left with
-            job = bake(target.context, target.armature, calibrated, model, BakeOptions(args.part, solve))
+            job = bake(target.context, target.armature, calibrated, model, BakeOptions(args.part, solve, args.root, table))
             report = console.run(job)
             bakes.insert(0, {"take": path, "variation": solve.variation, **asdict(report), "calibration": calibrated.calibration.as_dict()})
         if not meshes_of(target.armature):
-            add_proxy(target.armature)
+            add_proxy(target.armature, table)
         first, scale = recordings[0], bakes[0]["scale"]
         head_height = first.calibration.head_height * scale
         if target.is_new:

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..console import Console
-from .calibration import add_calibration_arguments, calibration_options
+from ..errors import InputError
+from .calibration import add_calibration_arguments, calibration_options, is_mocap, read_any_take
 
 if TYPE_CHECKING:
     from ..motion.bvh import BvhFile
-    from ..takes.calibrate import Calibration
+    from ..takes.calibrate import Calibration, CalibrationOptions
+    from ..takes.recording import TakeOverrides
     from ..takes.take import Take, TakeReport
 
 HELP = "say what takes and mocap files are: format, rate, unit, axes, floor, stature, gaps, defects"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="a take (.bsor, CSV) or mocap (BVH)")
+    parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="a take of any format, or mocap (BVH)")
+    parser.add_argument("--plot", type=Path, metavar="OUT.svg", help="draw the take before and after cleaning; of one file")
     add_calibration_arguments(parser)
 
 
@@ -28,16 +31,17 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
     from ..motion.bvh import read_bvh_file
     from ..takes.calibrate import calibrate
     from ..takes.describe import take_lines
-    from ..takes.readers import is_bvh, read_take
 
     overrides, options = calibration_options(args)
+    if args.plot:
+        _plot(args, overrides, options)
     files = []
     for path in args.files:
-        if is_bvh(path):
+        if is_mocap(path, overrides):
             file = read_bvh_file(path)
             facts, lines = _mocap_facts(file), _mocap_lines(file)
         else:
-            take = read_take(path, overrides)
+            take = read_any_take(path, overrides)
             assert take.report is not None
             calibration = calibrate(take, options).calibration
             facts, lines = _take_facts(take, take.report, calibration), take_lines(take, calibration)
@@ -46,6 +50,20 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
             console.say(f"  {line}")
         files.append({"file": path, **facts})
     return {"files": files}
+
+
+def _plot(args: argparse.Namespace, overrides: TakeOverrides, options: CalibrationOptions) -> None:
+    from ..outputs import replacing
+    from ..takes.calibrate import calibrate, joint_poses
+    from ..takes.plot import drawing
+
+    if len(args.files) > 1:
+        raise InputError("--plot", f"draws one take, not {len(args.files)} files")
+    with replacing(args.plot, args.overwrite) as temporary:
+        (path,) = args.files
+        calibrated = calibrate(read_any_take(path, overrides), options)
+        before = joint_poses(read_any_take(path, replace(overrides, keep_outliers=True, join_teleports=False)), calibrated.calibration)
+        temporary.write_text(drawing(before, calibrated.take), encoding="utf-8")
 
 
 def _take_facts(take: Take, report: TakeReport, calibration: Calibration) -> dict[str, Any]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..motion.rotations import Array, multiply, quat_between, quat_from_yaw, rotate
 from ..motion.skeleton import Skeleton
-from .recognize import SIDES
-from .rig import Rig
+from .rig import SIDES, Mapping, Rig
 
 OUTWARD = {"Left": np.array([1.0, 0, 0]), "Right": np.array([-1.0, 0, 0])}
 DOWN = np.array([0.0, 0, -1])
@@ -32,12 +32,16 @@ class RigBody:
     sole: float
 
 
-def rig_body(rig: Rig) -> RigBody:
-    """The body whose joints are where the rig's bones have their heads, whatever the pose: bones between mapped ones stay at rest."""
-    joints = rig.mapping.joints
-    above = rig.mapping.parents
+def rig_body(rig: Rig, fingers: Collection[str] = ()) -> RigBody:
+    """The body whose joints are where the rig's bones have their heads, whatever the pose: bones between mapped ones stay at rest.
+
+    fingers  which finger joints it has besides those of the body, as far as the rig has them
+    """
+    fingers = {joint: bone for joint, bone in rig.mapping.fingers.items() if joint in fingers}
+    joints = rig.mapping.joints | fingers
+    above = rig.mapping.parents | _above_fingers(rig.mapping, fingers)
     names = tuple(joints)
-    alignment = _alignment(rig)
+    alignment = _alignment(rig, fingers, above)
     parents = np.full(len(names), -1)
     offsets, tips = np.zeros((len(names), 3)), np.full((len(names), 3), np.nan)
     for i, name in enumerate(names):
@@ -51,8 +55,14 @@ def rig_body(rig: Rig) -> RigBody:
     return RigBody(body, np.stack([alignment[name] for name in names]), _sole(rig))
 
 
-def _alignment(rig: Rig) -> dict[str, Array]:
-    """World rotations [4] of every mapped joint from the rest pose to the T-pose: arms along X and legs along -Z by the shortest arc,
+def _above_fingers(mapping: Mapping, fingers: dict[str, str]) -> dict[str, str | None]:
+    """Finger joint -> the one before it, or the hand."""
+    before = {joint: [f"{joint[:-1]}{phalanx}" for phalanx in range(int(joint[-1]) - 1, 0, -1)] for joint in fingers}
+    return {joint: next((name for name in before[joint] if name in fingers), joint[: joint.index("Hand") + 4]) for joint in fingers}
+
+
+def _alignment(rig: Rig, fingers: dict[str, str], above: dict[str, str | None]) -> dict[str, Array]:
+    """World rotations [4] of every joint from the rest pose to the T-pose: arms and fingers along X and legs along -Z by the shortest arc,
     feet turned only about Z so that soles stay flat, the trunk upright as it is."""
     joints = rig.mapping.joints
     heads = {joint: rig.head(bone) for joint, bone in joints.items()}
@@ -76,6 +86,10 @@ def _alignment(rig: Rig) -> dict[str, Array]:
         alignment[foot] = multiply(quat_from_yaw(-np.arctan2(along[0], -along[1])), facing)
         if toe in joints:
             alignment[toe] = alignment[foot]
+    for joint, bone in fingers.items():
+        following = [rig.head(fingers[name]) for name, parent in above.items() if parent == joint]
+        along = (following[0] if following else rig.tail(bone)) - rig.head(bone)
+        alignment[joint] = turned(alignment[str(above[joint])], along, OUTWARD[joint.split("Hand")[0]])
     return alignment
 
 

@@ -8,8 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..motion.motion import Motion
-from ..motion.rotations import Array, continuous, continuous_euler, euler_from_quat, inverse, multiply, quat_from_matrix, rotate
-from .body import RigBody
+from ..motion.rotations import (
+    Array,
+    continuous,
+    continuous_euler,
+    euler_from_quat,
+    inverse,
+    multiply,
+    normalize,
+    quat_from_axis_angle,
+    rotate,
+)
+from .body import OUTWARD, RigBody
 from .rig import Control, Rig
 
 
@@ -17,12 +27,13 @@ from .rig import Control, Rig
 class BonePose:
     """One keyed bone over T frames.
 
-    control   which bone, and what it follows
+    lower     it is needed to place hips and legs
     rotation  float64 [T, 4]: relative to the bone's rest, signs continuous
     location  float64 [T, 3]: relative to the bone's rest, armature units; None for a bone that only turns
     """
 
-    control: Control
+    bone: str
+    lower: bool
     rotation: Array
     location: Array | None
 
@@ -30,26 +41,62 @@ class BonePose:
 def bone_poses(rig: Rig, rig_body: RigBody, motion: Motion) -> Iterator[BonePose]:
     """The poses of the rig's controls that put its bones where `motion` (on rig_body.body, world units) has its joints.
 
-    Bones that are not controls are taken to be at rest relative to their parents.
+    Controls of joints that the motion does not have get no pose. Bones that are not controls are taken to be at rest relative to their
+    parents.
     """
     joints = motion.skeleton
     world, positions = (values.astype(np.float64) for values in motion.forward())
     turns = multiply(world, rig_body.alignment)  # from the rest pose, world axes
     object_rotation = rig.object_rotation
     armature_turns = multiply(multiply(inverse(object_rotation), turns), object_rotation)
+    turn_of: dict[str | None, Array] = {}
+    roll_of: dict[str | None, float] = {}
     for control in rig.mapping.controls:
-        bone = rig.index(control.bone)
-        rest = quat_from_matrix(rig.rest[bone, :3, :3])
+        if control.joint not in joints:
+            if control.carrier in turn_of:
+                turn_of[control.bone] = turn_of[control.carrier]
+            continue
         turn = armature_turns[:, joints.index(control.joint)]
-        if control.carrier is not None and rig.inherits_rotation[bone]:
-            turn = multiply(inverse(armature_turns[:, joints.index(control.carrier)]), turn)
-        rotation = continuous(multiply(multiply(inverse(rest), turn), rest))
-        location = None
+        if control.roll:
+            share = control.roll - roll_of.get(control.carrier, 0.0)
+            turn = multiply(turn_of.get(control.carrier, turn), _roll(rig, motion, control, share))
+        turn_of[control.bone], roll_of[control.bone] = turn, control.roll
+        if control.carrier in turn_of:
+            turn = multiply(inverse(turn_of[control.carrier]), turn)
+        head = None
         if control.anchor is not None:
             beside = rig.head(control.bone) - rig.head(rig.mapping.joints[control.anchor])
             head = positions[:, joints.index(control.anchor)] + rotate(turns[:, joints.index(control.joint)], beside)
-            location = rotate(inverse(rest), rig.to_armature(head) - rig.rest[bone, :3, 3])
-        yield BonePose(control, rotation, location)
+        yield placed(rig, control.bone, control.lower, turn, head)
+
+
+def placed(rig: Rig, bone: str, lower: bool, turn: Array, head: Array | None) -> BonePose:
+    """The pose of a bone that is turned from its rest by `turn` [T, 4] (armature axes, as seen from its parent), and whose head is at
+    `head` [T, 3] in the world while its parent is at rest; None leaves it where its parent carries it."""
+    rest = rig.rest_rotation(bone)
+    rotation = continuous(multiply(multiply(inverse(rest), turn), rest))
+    if head is None:
+        return BonePose(bone, lower, rotation, None)
+    frame, parent = rest, rig.parent(bone)
+    if not rig.local_location[rig.index(bone)]:
+        frame = rig.rest_rotation(parent) if parent else np.array([1.0, 0, 0, 0])
+    return BonePose(bone, lower, rotation, rotate(inverse(frame), rig.to_armature(head) - rig.rest[rig.index(bone), :3, 3]))
+
+
+def _roll(rig: Rig, motion: Motion, control: Control, share: float) -> Array:
+    """A share of the roll of the hand against the forearm, [T, 4], about the axis of a twist bone at rest (armature axes).
+
+    A bone that carries the hand turns about the line from itself to the hand, so that the hand stays where it is.
+    """
+    side = control.joint.removesuffix("ForeArm")
+    forearm, hand = rig.mapping.joints[control.joint], rig.mapping.joints[f"{side}Hand"]
+    local = motion.rotations[:, motion.skeleton.index(f"{side}Hand")].astype(np.float64)
+    angle = np.unwrap(2 * np.arctan2(local[:, 1:] @ OUTWARD[side], local[:, 0]), period=2 * np.pi)
+    angle -= 2 * np.pi * np.round(np.median(angle) / (2 * np.pi))
+    start = control.bone if control.bone in rig.ancestors(hand) else forearm
+    heads = (rig.rest[rig.index(bone), :3, 3] for bone in (start, hand))
+    axis = normalize(np.subtract(*reversed(list(heads))))
+    return quat_from_axis_angle(np.broadcast_to(axis, (len(angle), 3)), share * angle)
 
 
 def rotation_values(rotation: Array, mode: str) -> tuple[str, Array]:

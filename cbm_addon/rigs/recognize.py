@@ -1,107 +1,130 @@
-"""Recognition: which bones of an armature play which joints, from tables of the names that rigs use."""
+"""Recognition: which bones of an armature play which joints, by the names that rigs use, and by the shape where no names fit."""
 
 from __future__ import annotations
 
-import json
-import re
-from functools import cache
-from pathlib import Path
-from typing import Any
-
-import numpy as np
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
 
 from ..errors import InputError
-from ..features import LOWER_JOINTS
 from ..motion.skeleton import BODY_JOINTS
-from .rig import Control, Mapping, Setting
+from .mapping import mapping_of
+from .match import Match, match_table
+from .rig import FINGER_JOINTS, Bones, Mapping, Rig
+from .shape import REQUIRED, find_joints, misshapen
+from .tables import Table, tables
 
-TABLES = Path(__file__).parent / "tables"
-PREFIX = re.compile(r"^(.*:|mixamorig\d*_?)")
-SIDES = ("Left", "Right")
-REQUIRED = ("Hips", "Head", *(side + name for side in SIDES for name in ("Arm", "ForeArm", "Hand", "UpLeg", "Leg", "Foot")))
+NEAR = 0.03  # scores that differ by less do not tell two tables apart
 
-
-@cache
-def tables() -> tuple[dict[str, Any], ...]:
-    return tuple(json.loads(path.read_text(encoding="utf-8")) for path in sorted(TABLES.glob("*.json")))
+BY_SHAPE = Table("shape", "the shape of a person", "Topology and rest positions of the bones, whatever their names", {})
 
 
-def recognize(rig: str, bones: tuple[str, ...], parents: np.ndarray) -> Mapping:
-    """The mapping of the table of which most required joints are found; equal tables are told apart by all of their joints.
+@dataclass(frozen=True)
+class Recognition:
+    """A mapping, and how far it can be trusted.
 
-    `rig` is the armature's name, for the InputError that lists the joints without a bone.
+    score    share of the body's joints that the table knows which have a bone, from 0 to 1
+    doubts   what speaks against the mapping
+    ranking  title and score of what was tried, the best first
     """
-    found = [(table, _joints(table, bones)) for table in tables()]
-    table, joints = max(found, key=lambda item: (sum(name in item[1] for name in REQUIRED), len(item[1])))
-    missing = [name for name in REQUIRED if name not in joints]
-    if missing:
-        expected = ", ".join(f"{name} ({' or '.join(_names(table, name))})" for name in missing)
-        raise InputError(rig, f"lacks bones for {expected}, going by the names of {table['kind']}, the nearest that is known")
-    above = _parents(table, joints, bones, parents)
-    _check_hierarchy(rig, joints, above)
-    controls = _table_controls(rig, table, bones) if "controls" in table else _plain_controls(joints, above)
-    settings = tuple(Setting(**setting) for setting in table.get("settings", ()))
-    return Mapping(table["kind"], joints, above, controls, settings)
+
+    mapping: Mapping
+    score: float
+    doubts: tuple[str, ...]
+    ranking: tuple[tuple[str, float], ...]
 
 
-def _names(table: dict[str, Any], joint: str) -> list[str]:
-    names = table["joints"][joint]
-    return [names] if isinstance(names, str) else names
+def summary(recognition: Recognition) -> list[str]:
+    """What was recognised and how sure that is, a line each; doubts begin with an exclamation mark."""
+    mapping = recognition.mapping
+    bones = f"{len(mapping.joints)} joints, {len(mapping.fingers)} finger joints, root bone {mapping.root or 'none'}"
+    return [f"{mapping.table.title}, score {recognition.score:.2f}: {bones}", *(f"! {doubt}" for doubt in recognition.doubts)]
 
 
-def _joints(table: dict[str, Any], bones: tuple[str, ...]) -> dict[str, str]:
-    """Joint -> bone for the joints of a table that are found; a bone's exact name is preferred to one without its prefix."""
-    by_name = {PREFIX.sub("", bone): bone for bone in reversed(bones)} | {bone: bone for bone in bones}
-    joints = {}
-    for joint in BODY_JOINTS:
-        bone = next((by_name[name] for name in _names(table, joint) if name in by_name), None)
-        if bone is not None:
-            joints[joint] = bone
-    return joints
+def recognized(bones: Bones, table: Table | None = None) -> Rig:
+    """The armature as a rig; InputError if it is not a body."""
+    return Rig(**{field.name: getattr(bones, field.name) for field in fields(Bones)}, mapping=recognize(bones, table).mapping)
 
 
-def _parents(table: dict[str, Any], joints: dict[str, str], bones: tuple[str, ...], parents: np.ndarray) -> dict[str, str | None]:
-    """Joint -> the joint above it: what the table says (of a rig whose mechanism hides its hierarchy), else the nearest mapped ancestor."""
-    joint_of = {bones.index(bone): joint for joint, bone in joints.items()}
-    above: dict[str, str | None] = {}
-    for bone, joint in joint_of.items():
-        ancestor = int(parents[bone])
-        while ancestor >= 0 and ancestor not in joint_of:
-            ancestor = int(parents[ancestor])
-        above[joint] = table.get("parents", {}).get(joint, joint_of.get(ancestor))
-    return above
+def recognize(bones: Bones, table: Table | None = None) -> Recognition:
+    """How an armature plays a body: by the table that fits best, or by its shape where no table does.
+
+    A `table` that is given is the user's own choice: nothing else is tried, and an odd shape is a doubt but no refusal. InputError if
+    what would be mapped is no body: a wrong map is worse than none.
+    """
+    if table:
+        match = match_table(bones, table)
+        mapping = mapping_of(bones, match)
+        reason = misshapen(bones, mapping.joints)
+        doubts = [f"its rest pose is not that of a person: {reason}"] if reason else []
+        return Recognition(mapping, match.score, (*doubts, *_doubts(bones, match, mapping)), ((table.title, match.score),))
+    matches = sorted((match_table(bones, known) for known in tables()), key=lambda match: (match.score, match.found), reverse=True)
+    try:
+        return _by_names(bones, matches)
+    except InputError as by_names:
+        return _by_shape(bones, matches, by_names)
 
 
-def _check_hierarchy(rig: str, joints: dict[str, str], above: dict[str, str | None]) -> None:
-    order = list(joints)
-    for joint, parent in above.items():
-        if joint != "Hips" and (parent is None or order.index(parent) > order.index(joint)):
-            raise InputError(rig, f"its bone {joints[joint]} ({joint}) is not below the bones that carry it in a body; parent it below {joints['Hips']}")
-    for side in SIDES:
-        for upper, lower in (("Arm", "ForeArm"), ("ForeArm", "Hand"), ("UpLeg", "Leg"), ("Leg", "Foot")):
-            if above[side + lower] != side + upper:
-                raise InputError(rig, f"its bone {joints[side + lower]} is not below {joints[side + upper]}; parent it there")
-        chest = above[f"{side}Shoulder" if f"{side}Shoulder" in joints else f"{side}Arm"]
-        if chest == "Hips" or chest not in _ancestors("Head", above):
-            raise InputError(rig, f"its bone {joints[f'{side}Arm']} does not hang off the spine between hips and head; parent it to a bone there")
+def _by_names(bones: Bones, matches: list[Match]) -> Recognition:
+    best = matches[0]
+    mapping = mapping_of(bones, best)
+    if reason := misshapen(bones, mapping.joints):
+        raise InputError(bones.name, f"has the names of {best.table.title}, but {reason}; correct that, or give a map of its bones")
+    doubts = (*_rivals(matches), *_disagreements(bones, mapping), *_doubts(bones, best, mapping))
+    return Recognition(mapping, best.score, doubts, _ranking(matches))
 
 
-def _ancestors(joint: str, above: dict[str, str | None]) -> list[str]:
-    chain = []
-    while (parent := above[joint]) is not None:
-        chain.append(parent)
-        joint = parent
-    return chain
+def _by_shape(bones: Bones, matches: list[Match], by_names: InputError) -> Recognition:
+    if matches[0].table.controls and not matches[0].missing:
+        raise by_names  # a control rig that is known moves by its controls alone
+    try:
+        joints = find_joints(bones)
+    except InputError as by_shape:
+        if len(matches[0].missing) <= len(REQUIRED) / 2:
+            raise by_names from None
+        raise InputError(bones.name, f"has neither the names of a known rig nor the shape of a person: {by_shape.message}; give a map of its bones") from None
+    match = Match(BY_SHAPE, joints, sum(name in joints for name in BODY_JOINTS) / len(BODY_JOINTS))
+    mapping = mapping_of(bones, match)
+    if driven := [bone for bone in mapping.joints.values() if bones.constrained[bones.index(bone)]]:
+        raise InputError(bones.name, f"has the shape of a person, but constraints move its bone {driven[0]}; give a map of its controls")
+    doubts = ("found by its shape, not by names: look at the map before you rely on it", *_doubts(bones, match, mapping))
+    return Recognition(mapping, match.score, doubts, _ranking([match, *matches]))
 
 
-def _plain_controls(joints: dict[str, str], above: dict[str, str | None]) -> tuple[Control, ...]:
-    """Every mapped bone is keyed itself; the hips also move."""
-    return tuple(Control(bone, joint, above[joint], "Hips" if joint == "Hips" else None, joint in LOWER_JOINTS) for joint, bone in joints.items())
+def _ranking(matches: list[Match]) -> tuple[tuple[str, float], ...]:
+    return tuple((match.table.title, match.score) for match in matches)
 
 
-def _table_controls(rig: str, table: dict[str, Any], bones: tuple[str, ...]) -> tuple[Control, ...]:
-    controls = tuple(Control(**control) for control in table["controls"])
-    missing = [bone for bone in (*(control.bone for control in controls), *(setting["bone"] for setting in table["settings"])) if bone not in bones]
-    if missing:
-        raise InputError(rig, f"looks like {table['kind']} but lacks its controls {', '.join(missing)}; generate it again from the human metarig")
-    return controls
+# Doubts
+
+
+def _rivals(matches: list[Match]) -> Iterator[str]:
+    """Tables that fit about as well, but otherwise."""
+    best = matches[0]
+    for rival in matches[1:]:
+        differing = [joint for joint, bone in rival.joints.items() if joint in BODY_JOINTS and best.joints.get(joint, bone) != bone]
+        if rival.score > best.score - NEAR and not rival.missing and differing:
+            yield f"{rival.table.title} fits about as well ({rival.score:.2f}); it has other bones for {', '.join(differing)}"
+
+
+def _disagreements(bones: Bones, mapping: Mapping) -> Iterator[str]:
+    try:
+        by_shape = find_joints(bones)
+    except InputError:
+        return
+    for joint in REQUIRED:
+        if mapping.joints[joint] != by_shape[joint]:
+            yield f"{joint} is {mapping.joints[joint]} by its name, but {by_shape[joint]} by the shape of the armature"
+
+
+def _doubts(bones: Bones, match: Match, mapping: Mapping) -> Iterator[str]:
+    if match.table.note:
+        yield match.table.note
+    without = [joint for joint in BODY_JOINTS if joint in match.table.joints and joint not in mapping.joints]
+    if without:
+        yield f"no bone for {', '.join(without)}"
+    lacking = sum(joint in match.table.joints and joint not in mapping.fingers for joint in FINGER_JOINTS)
+    if mapping.fingers and lacking:
+        yield f"no bones for {lacking} of its finger joints"
+    driven = [control.bone for control in mapping.controls if bones.constrained[bones.index(control.bone)]]
+    if driven and not match.table.controls:
+        yield f"constraints move {driven[0]}" + (f" and {len(driven) - 1} more of its bones" if len(driven) > 1 else "")

@@ -4,20 +4,29 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..motion.rotations import quat_from_matrix
 
+if TYPE_CHECKING:
+    from .tables import Table
+
+SIDES = ("Left", "Right")
+FINGERS = ("Thumb", "Index", "Middle", "Ring", "Pinky")
+FINGER_JOINTS = tuple(f"{side}Hand{finger}{phalanx}" for side in SIDES for finger in FINGERS for phalanx in (1, 2, 3))
+
 
 @dataclass(frozen=True)
 class Control:
-    """A bone that is keyed. It turns rigidly with `joint`, while its parent is carried by `carrier`.
+    """A bone that is keyed. It turns rigidly with `joint`, while its parent is carried by the bone `carrier`.
 
-    joint    the body joint whose rotation it takes
-    carrier  the body joint that carries the bone's parent; None where the parent stays at rest
+    joint    the joint whose rotation it takes
+    carrier  the keyed bone that carries the bone's parent; None where the parent stays at rest or its rotation is not inherited
     anchor   the body joint beside which the bone stays, for a bone that is also moved; None for one that only turns
     lower    it is needed to place hips and legs
+    roll     share of the hand's roll that a twist bone of the forearm takes on top of the forearm's rotation
     """
 
     bone: str
@@ -25,6 +34,7 @@ class Control:
     carrier: str | None
     anchor: str | None
     lower: bool
+    roll: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -41,22 +51,31 @@ class Setting:
 class Mapping:
     """How an armature's bones play a body.
 
-    kind      the recognition table that fits: "rigify_generated", "rigify_metarig", "mocap"
+    table     the recognition table that fits, with the names of this armature's bones
     joints    body joint -> bone whose head is that joint, parents first
+    fingers   finger joint -> bone, of FINGER_JOINTS
     parents   body joint -> the joint above it on this rig; None for the hips
     controls  the bones that are keyed, parents first
     settings  custom properties that are keyed with them
+    root      the bone above all of them that may carry the way over the ground; None if the hips have nothing above them
     """
 
-    kind: str
+    table: Table
     joints: dict[str, str]
+    fingers: dict[str, str]
     parents: dict[str, str | None]
     controls: tuple[Control, ...]
     settings: tuple[Setting, ...] = ()
+    root: str | None = None
+
+    @property
+    def kind(self) -> str:
+        """Name of the table: "mixamo", "rigify_generated", "shape" ..."""
+        return self.table.kind
 
 
 @dataclass(frozen=True)
-class Rig:
+class Bones:
     """An armature at rest, as the engine sees it; B bones.
 
     bones              names, parents first
@@ -64,6 +83,8 @@ class Rig:
     rest               float64 [B, 4, 4]: rest matrices in armature space (head at the origin of a bone, tail along its Y)
     lengths            float64 [B]: from head to tail, armature units
     inherits_rotation  bool [B]
+    local_location     bool [B]: the bone's location is along its own axes at rest, else along its parent's (along the armature's, without one)
+    constrained        bool [B]: something else than its own keys moves the bone
     object_matrix      float64 [4, 4]: armature space to the world; rotation, uniform scale, translation
     """
 
@@ -73,8 +94,9 @@ class Rig:
     rest: np.ndarray
     lengths: np.ndarray
     inherits_rotation: np.ndarray
+    local_location: np.ndarray
+    constrained: np.ndarray
     object_matrix: np.ndarray
-    mapping: Mapping
 
     @cached_property
     def _indices(self) -> dict[str, int]:
@@ -101,6 +123,10 @@ class Rig:
         """World points [..., 3] in armature space."""
         return (points - self.object_matrix[:3, 3]) @ np.linalg.inv(self.object_matrix[:3, :3]).T
 
+    def rest_rotation(self, bone: str) -> np.ndarray:
+        """A bone's rotation at rest in armature space, a quaternion float64 [4]."""
+        return quat_from_matrix(self.rest[self.index(bone), :3, :3])
+
     def head(self, bone: str) -> np.ndarray:
         """World position of a bone's head at rest."""
         return self.to_world(self.rest[self.index(bone), :3, 3])
@@ -110,5 +136,24 @@ class Rig:
         i = self.index(bone)
         return self.to_world(self.rest[i, :3, 3] + self.rest[i, :3, 1] * self.lengths[i])
 
+    def parent(self, bone: str) -> str | None:
+        above = int(self.parents[self.index(bone)])
+        return self.bones[above] if above >= 0 else None
+
+    def ancestors(self, bone: str) -> list[str]:
+        """The bones above, the nearest first."""
+        above = []
+        while (parent := self.parent(bone)) is not None:
+            above.append(parent)
+            bone = parent
+        return above
+
     def children(self, bone: str) -> list[str]:
         return [self.bones[i] for i in np.flatnonzero(self.parents == self.index(bone))]
+
+
+@dataclass(frozen=True)
+class Rig(Bones):
+    """An armature whose bones are known to play a body."""
+
+    mapping: Mapping

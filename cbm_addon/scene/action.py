@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ..errors import InputError
-from ..motion.rotations import Array, continuous
+from ..motion.rotations import Array, continuous, quat_from_matrix
 from ..rigs.pose import rotation_values
 
 LINEAR = 1  # what RNA calls 'LINEAR' in foreach_set
@@ -38,6 +38,23 @@ def rotation_channel(bone: bpy.types.PoseBone, quaternions: Array) -> Channel:
     """Rotations [T, 4] in the bone's own space, smooth over time, in the rotation mode that the bone has."""
     attribute, values = rotation_values(continuous(quaternions), bone.rotation_mode)
     return Channel(pose_path(bone.name, attribute), values, bone.name)
+
+
+def require_free(obj: bpy.types.Object) -> None:
+    """InputError if something else than its own location and rotation moves an object, so that keys cannot put it at a place."""
+    deltas = *obj.delta_location, *obj.delta_rotation_euler, *obj.delta_rotation_quaternion[1:]
+    if any(deltas) or any(not constraint.mute for constraint in obj.constraints):
+        raise InputError(obj.name, "constraints or delta transforms move its object, which cannot carry the way then; keep the way on the hips")
+
+
+def object_channels(obj: bpy.types.Object, matrices: Array) -> list[Channel]:
+    """The channels that put an object at world matrices [T, 4, 4], all of the size that it has, while what it hangs off stays."""
+    require_free(obj)
+    before = np.array(obj.matrix_world @ obj.matrix_basis.inverted(), dtype=np.float64)
+    basis = np.linalg.inv(before) @ matrices
+    turns = basis[:, :3, :3] / np.linalg.norm(basis[:, :3, :3], axis=-2, keepdims=True)
+    attribute, values = rotation_values(continuous(quat_from_matrix(turns)), obj.rotation_mode)
+    return [Channel("location", basis[:, :3, 3], "Object Transforms"), Channel(attribute, values, "Object Transforms")]
 
 
 def scene_rate(scene: bpy.types.Scene) -> float:

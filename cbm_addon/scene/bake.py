@@ -8,23 +8,27 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import bpy
+import mathutils
 import numpy as np
 
+from ..errors import InputError
 from ..motion.motion import Motion
 from ..motion.resample import frame_times
 from ..motion.rotations import Array
 from ..progress import Progress, part
 from ..rigs.body import RigBody, rig_body
-from ..rigs.pose import bone_poses
+from ..rigs.pose import BonePose, bone_poses
 from ..rigs.rig import Rig
+from ..rigs.tables import Table
+from ..rigs.travel import Root, object_matrices, root_bone, root_pose, way_over_ground, without_way
 from ..solve.fuse import fusing
 from ..solve.models import Model
 from ..solve.perform import SolveOptions, perform, sampled
 from ..takes.calibrate import Calibrated
 from ..takes.synthesize import TRACKED_JOINTS
 from ..takes.take import DEVICES
-from .action import Channel, location_channel, rotation_channel, scene_frames, scene_rate, write_action
-from .rig import read_rig
+from .action import Channel, location_channel, object_channels, pose_path, require_free, rotation_channel, scene_frames, scene_rate, write_action
+from .rig import read_rig, require_editable
 
 MEASURED_FRAMES = 120  # on how many frames the evaluated rig is compared with the trackers
 CLOSE = 0.01  # metres
@@ -33,10 +37,17 @@ PART = "cbm_part"  # custom property of a baked action
 
 @dataclass(frozen=True)
 class BakeOptions:
-    """part "full" or "lower" (hips and legs are keyed, the animation of the rest stays what it is)."""
+    """How a take is put on a rig.
+
+    part   "full", or "lower": hips and legs are keyed, the animation of the rest stays what it is
+    root   what carries the way over the ground: the hips, a bone above them, the armature's object, or nothing ("in-place")
+    table  the user's map of the rig's bones; None recognises them
+    """
 
     part: Literal["full", "lower"] = "full"
     solve: SolveOptions = field(default_factory=SolveOptions)
+    root: Root = "hips"
+    table: Table | None = None
 
 
 @dataclass(frozen=True)
@@ -56,7 +67,7 @@ class BakeReport:
     scale              of the take, about the world origin, to the rig's size
     seconds            that the bake took, of which `frames_per_second` follows
     measured_frames    frames on which the evaluated rig was compared with the scaled trackers
-    tracker_errors     by device; empty when only the lower body was baked
+    tracker_errors     by device; empty when only the lower body was baked, or in place
     """
 
     action: str
@@ -79,16 +90,20 @@ def bake(
     """
     started = time.perf_counter()
     scene = context.scene
-    rig = read_rig(armature)
+    require_editable(armature)
+    if options.part == "lower" and options.root != "hips":
+        raise InputError(options.root, "cannot carry the way of the lower body alone, since the upper body would follow; keep it on the hips")
+    rig = read_rig(armature, options.table)
+    require_carrier(armature, rig, options.root)
     solved = rig_body(rig)
     scale = take_scale(solved, calibrated)
     motion = yield from part(solve_on_rig(solved, calibrated, model, options.solve, scene_rate(scene)), 0, 0.95)
     yield Progress(0.95, "writing keys")
     frames = scene_frames(scene, motion.times, scene.frame_start)
     name = f"{calibrated.take.name}_variation{options.solve.variation}"
-    action = _write(armature, name, frames, list(rig_channels(armature, rig, solved, motion, options.part)), options.part)
+    action = _write(armature, name, frames, list(rig_channels(armature, rig, solved, motion, options.part, options.root)), options.part)
     measured, errors = np.empty(0), {}
-    if options.part == "full":
+    if options.part == "full" and options.root != "in-place":
         measured = np.unique(np.linspace(0, len(frames) - 1, MEASURED_FRAMES).round().astype(int))
         trackers = sampled(calibrated.take, motion.times[measured]).positions * scale
         errors = _tracker_errors(context, armature, rig, frames[measured], trackers)
@@ -114,18 +129,43 @@ def solve_on_rig(solved: RigBody, calibrated: Calibrated, model: Model, options:
     return replace(motion, skeleton=solved.body, root=motion.root * np.float32(scale))
 
 
-def rig_channels(armature: bpy.types.Object, rig: Rig, solved: RigBody, motion: Motion, part: str = "full") -> Iterator[Channel]:
+def require_carrier(armature: bpy.types.Object, rig: Rig, root: Root) -> None:
+    """InputError if what is to carry the way over the ground cannot."""
+    if root == "bone":
+        root_bone(rig)
+    elif root == "object":
+        require_free(armature)
+
+
+def rig_channels(armature: bpy.types.Object, rig: Rig, solved: RigBody, motion: Motion, part: str = "full", root: Root = "hips") -> Iterator[Channel]:
     """The curves that make the rig do a motion of its own body, and the switches that they rely on."""
+    if root != "hips":
+        way = way_over_ground(rig, solved, motion, root)
+        motion = without_way(motion, way)
+        if root == "bone":
+            yield from _bone_channels(armature, root_pose(rig, way))
+        elif root == "object":
+            yield from object_channels(armature, object_matrices(rig, way))
     for pose in bone_poses(rig, solved, motion):
-        if part == "full" or pose.control.lower:
-            bone = armature.pose.bones[pose.control.bone]
-            yield rotation_channel(bone, pose.rotation)
-            if pose.location is not None:
-                yield location_channel(bone, pose.location)
+        if part == "full" or pose.lower:
+            yield from _bone_channels(armature, pose)
     for setting in rig.mapping.settings:
-        if part == "full" or setting.lower:
+        if (part == "full" or setting.lower) and setting.name in armature.pose.bones[setting.bone]:
             bone, name = (bpy.utils.escape_identifier(text) for text in (setting.bone, setting.name))
             yield Channel(f'pose.bones["{bone}"]["{name}"]', np.full((len(motion), 1), setting.value), setting.bone)
+
+
+def _bone_channels(armature: bpy.types.Object, pose: BonePose) -> Iterator[Channel]:
+    """The curves of one bone. What an earlier action has left of a location or a scale is keyed away: it would displace the bones below."""
+    bone = armature.pose.bones[pose.bone]
+    rest = np.zeros((len(pose.rotation), 3))
+    yield rotation_channel(bone, pose.rotation)
+    if pose.location is not None:
+        yield location_channel(bone, pose.location)
+    elif bone.location.length > 0:
+        yield location_channel(bone, rest)
+    if (bone.scale - mathutils.Vector((1, 1, 1))).length > 0:
+        yield Channel(pose_path(bone.name, "scale"), rest + 1, bone.name)
 
 
 def _write(armature: bpy.types.Object, name: str, frames: np.ndarray, channels: list[Channel], part: str) -> bpy.types.Action:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import bpy
@@ -12,10 +12,21 @@ import numpy as np
 
 from ..errors import InputError
 from ..motion.bvh import read_bvh_file
-from ..motion.motion import Motion
+from ..motion.motion import Motion, local_rotations
 from ..motion.resample import frame_times, resample
-from .action import key_frames, scene_frames, scene_rate, write_action
-from .armature import motion_from_armature, new_armature, pose_channels
+from ..motion.rotations import Array, continuous, normalize, rotate
+from ..rigs.retarget import Retargeted, retarget, source_rig
+from ..rigs.rig import Rig
+from ..rigs.tables import Table
+from ..rigs.travel import Root
+from ..solve.ik import aim, clamp_reach, two_bone
+from .action import Channel, key_frames, scene_frames, scene_rate, write_action
+from .armature import match_names, motion_from_armature, new_armature, pose_channels
+from .bake import require_carrier, rig_channels
+from .rig import read_rig, require_editable
+
+FORWARD = np.array([0, -1, 0], dtype=np.float32)
+STRAIGHT_KNEE = np.float32(0.03)  # share of the thigh's length by which a knee is at least taken to be bent, to the front
 
 
 @dataclass(frozen=True)
@@ -27,21 +38,78 @@ class Imported:
     notes: tuple[str, ...]
 
 
-def import_mocap(context: bpy.types.Context, paths: list[Path], armature: bpy.types.Object | None, frame_start: int) -> list[Imported]:
+def import_mocap(
+    context: bpy.types.Context,
+    paths: list[Path],
+    armature: bpy.types.Object | None,
+    frame_start: int,
+    table: Table | None = None,
+    root: Root = "hips",
+) -> list[Imported]:
     """Puts the motion of each file on `armature`, or on a new armature of its own, as a new action named after the file.
 
-    Keys lie on whole frames of the scene, whose rate stays what it is: a second of the file is a second of the scene. InputError
-    before anything has changed, if a file is not sound or does not fit the armature.
+    Bones of an armature that has the names of all the file's joints do what the joints do. On any other armature that is a body the motion
+    is retargeted; `table` is the user's map of its bones, `root` what carries the way over the ground (rigs/travel.py). Keys lie on whole
+    frames of the scene, whose rate stays what it is: a second of the file is a second of the scene. InputError before anything has
+    changed, if a file is not sound or does not fit the armature.
     """
-    if armature is not None and armature.mode == "EDIT":
-        raise InputError(armature.name, "its bones are being edited; leave edit mode first")
+    if armature is not None:
+        require_editable(armature)
     read = [_read(context, path) for path in paths]
     prepared = []
     for path, (motion, notes) in zip(paths, read, strict=True):
         motion = _at_rate(motion, scene_rate(context.scene))
         obj = armature or new_armature(context, path.stem, motion.skeleton)
-        prepared.append((path.stem, obj, scene_frames(context.scene, motion.times, frame_start), pose_channels(obj, motion), notes))
+        channels, done = _channels(obj, path.stem, motion, table, root) if armature else (pose_channels(obj, motion), ())
+        prepared.append((path.stem, obj, scene_frames(context.scene, motion.times, frame_start), channels, (*notes, *done)))
     return [Imported(obj, write_action(obj, name, frames, channels), notes) for name, obj, frames, channels, notes in prepared]
+
+
+def _channels(armature: bpy.types.Object, name: str, motion: Motion, table: Table | None, root: Root) -> tuple[Iterable[Channel], tuple[str, ...]]:
+    """The curves of a motion on an existing armature, and how they were found."""
+    named = match_names([bone.name for bone in armature.data.bones], motion.skeleton.names)
+    plain = table is None and root == "hips"
+    if plain and len(named) == len(motion.skeleton):
+        return pose_channels(armature, motion), ()
+    try:
+        source, motion_at_rest = source_rig(name, motion)
+        target = read_rig(armature, table)
+    except InputError:
+        if not (plain and named):
+            raise
+        return pose_channels(armature, motion), (f"{len(named)} bones follow the joints of their name; the others are left alone",)
+    require_carrier(armature, target, root)
+    titles = source.mapping.table.title, target.mapping.table.title
+    return _retargeted(armature, motion_at_rest, source, target, root), (f"retargeted from {titles[0]} to {titles[1]}",)
+
+
+def _retargeted(armature: bpy.types.Object, motion: Motion, source: Rig, target: Rig, root: Root) -> Iterator[Channel]:
+    """Lazily, since hundreds of files may wait to be written."""
+    moved = retarget(motion, source, target)
+    yield from rig_channels(armature, target, moved.solved, meet_ankles(moved), root=root)
+
+
+def meet_ankles(moved: Retargeted) -> Motion:
+    """The motion with its legs bent, as little as needed, so that the ankles are where the source has them; feet keep their rotations."""
+    body = moved.motion.skeleton
+    world, positions = moved.motion.forward()
+    for side, ankle in moved.ankles.items():
+        thigh, shin, foot = (body.index(side + name) for name in ("UpLeg", "Leg", "Foot"))
+        upper, lower = (float(np.linalg.norm(body.offsets[joint])) for joint in (shin, foot))
+        socket = positions[:, thigh]
+        target = clamp_reach(socket, ankle, upper + lower)
+        bend = _across(positions[:, shin] - socket, positions[:, foot] - socket)
+        straight = np.maximum(0, STRAIGHT_KNEE * upper - np.linalg.norm(bend, axis=-1, keepdims=True))
+        knee = two_bone(socket, target, upper, lower, bend + straight * rotate(world[:, thigh], FORWARD))
+        world[:, thigh] = aim(world[:, thigh], body.offsets[shin], knee - socket)
+        world[:, shin] = aim(world[:, shin], body.offsets[foot], target - knee)
+    return replace(moved.motion, rotations=continuous(local_rotations(body, world)))
+
+
+def _across(way: Array, line: Array) -> Array:
+    """The part of a way [T, 3] that is perpendicular to a line [T, 3]."""
+    along = normalize(line)
+    return way - np.sum(way * along, axis=-1, keepdims=True) * along
 
 
 def _at_rate(motion: Motion, rate: float) -> Motion:

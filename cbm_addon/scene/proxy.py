@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ..rigs.tables import Table
 from .figure import CORNERS, DARK, LEFT, PALE, RIGHT, Piece, figure
 from .rig import read_rig
 
@@ -25,9 +26,12 @@ def meshes_of(armature: bpy.types.Object) -> list[bpy.types.Object]:
     ]
 
 
-def add_proxy(armature: bpy.types.Object) -> bpy.types.Object | None:
-    """A new mesh object beside the armature, which itself is not changed; None if none of its bones deforms."""
-    rig = read_rig(armature)
+def add_proxy(armature: bpy.types.Object, table: Table | None = None) -> bpy.types.Object | None:
+    """A new mesh object beside the armature, which itself is not changed; None if none of its bones deforms.
+
+    table  the user's map of its bones
+    """
+    rig = read_rig(armature, table)
     pieces = figure(rig, [bone.name for bone in armature.data.bones if bone.use_deform])
     if not pieces:
         return None

@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..motion.rotations import Array, matrix_from_quat, quat_from_yaw, rotate, yaw_from_quat
-from ..motion.skeleton import STANDARD_BODY, STANDARD_STATURE
-from .devices import CONTROLLERS, DEFAULT_DEVICE, EYE_SHARE, HEAD_JOINT_SHARE, head_offset, held, mounting
+from ..motion.rotations import Array, matrix_from_quat
+from .arms import FARTHEST_PERCENTILE, arm_warnings, measure_arms
+from .cleaning import hold_gaps
+from .devices import CONTROLLERS, DEFAULT_DEVICE, EYE_SHARE, HEAD_JOINT_SHARE, NO_DEVICE, head_offset, held, mounting
 from .gaps import fill
-from .take import HANDS, HEAD, Constant, Take
+from .t_pose import t_pose
+from .take import HEAD, Constant, Take
 
 STANDING_PERCENTILE = 95
 """The head joint's height over a take, at this percentile, is its standing height: over the 481 clips of mocap that the engine is trained
@@ -24,8 +26,6 @@ ADULT_STATURE = 1.70  # metres: assumed where nothing can be measured
 SEATED_SHARE = 0.70  # seated eye height above the floor, as a share of stature
 EYE_LEVEL_ORIGIN = 0.5  # metres: an origin with the head lower than this over it is not on the floor
 LOW_EYE_HEIGHT = 1.4  # metres: worth a word
-REACH_SLACK = 0.05  # of stature: the shoulder is only estimated, and itself moves
-LOW_REACH = 0.8  # worth a word
 
 Vector = tuple[float, float, float]
 
@@ -36,7 +36,7 @@ class CalibrationOptions:
 
     eye_height    metres above the floor, standing
     floor         metres: the height of the floor in the take
-    device        a key of CONTROLLERS
+    device        a key of CONTROLLERS, or NO_DEVICE: the poses are those of the joints
     head_offset   metres from the headset to the head joint, in the headset's frame (left, back, up)
     wrist_offset  metres from the left controller to the left wrist, in the controller's frame; mirrored for the right
     seated        the performer sits throughout: standing eye height cannot be measured
@@ -90,36 +90,46 @@ MEASURE = CalibrationOptions()
 def calibrate(take: Take, options: CalibrationOptions = MEASURE) -> Calibrated:
     """Joint poses from a take of either kind. InputError if an option is out of this world or the head is never tracked."""
     _check(take, options)
-    sizes = _sizes(take, options)
-    stature, floor = sizes["stature"].value, sizes["floor"].value
+    if options.device == NO_DEVICE:
+        take = replace(take, kind="joint")
+    pose = t_pose(take)
+    sizes = _sizes(take, options, pose)
+    stature = sizes["stature"].value
     constants: dict[str, Constant[Any]] = dict(sizes)
-    positions, rotations = take.positions.astype(np.float64), take.rotations.astype(np.float64)
+    if pose:
+        constants["t_pose"] = Constant(f"{take.times[pose.start]:.1f} to {take.times[pose.stop - 1]:.1f} s", "measured", "standing still, arms to the sides")
     if take.kind == "device":
         device, offset = _device(take, options), _head_offset(options, stature)
         controller = held(CONTROLLERS[device.value], options.wrist_offset)
         constants["device"] = device
         constants["head_offset"] = Constant(offset, "given" if options.head_offset else "assumed")
         constants["wrist_offset"] = Constant(controller.wrist, "given" if options.wrist_offset else "assumed")
-        positions, rotations = mounting(controller, offset).joints(positions, rotations)
-    positions[..., 2] -= floor
-    positions, rotations = fill(take.times, positions, rotations, take.tracked, stature)
-    reach = reach_share(positions, rotations, take.tracked, stature)
+    posed = _joint_poses(take, constants)[1][pose] if pose else None
+    take = hold_gaps(take)
+    positions, rotations = fill(take.times, *_joint_poses(take, constants), take.tracked, stature)
     joints = replace(take, kind="joint", positions=positions.astype(np.float32), rotations=rotations.astype(np.float32))
+    arms = measure_arms(positions, rotations, take.tracked, stature)
+    if arms.share == arms.share:
+        why = f"from shoulder to wrist, percentile {FARTHEST_PERCENTILE}; an arm of this stature is {arms.length:.2f} m"
+        constants["arm_reach"] = Constant(arms.farthest, "measured", why)
+    warnings = (*_warnings(sizes), *arm_warnings(arms, positions, take.tracked, posed))
     heights = {name: constant.value for name, constant in sizes.items()}
-    return Calibrated(joints, Calibration(**heights, constants=constants, reach=reach, warnings=tuple(_warnings(sizes, reach))))
+    return Calibrated(joints, Calibration(**heights, constants=constants, reach=arms.share, warnings=warnings))
 
 
-def reach_share(positions: Array, rotations: Array, tracked: np.ndarray, stature: float) -> float:
-    """The share of tracked hand samples whose wrist is within an arm of the shoulder, which is taken to hang below the head joint as at rest,
-    turned with the head's heading. Joint poses [T, 3, 3], [T, 3, 4]; NaN if no hand is tracked."""
-    rest = STANDARD_BODY.rest_positions() * stature / STANDARD_STATURE
-    joint = {name: rest[STANDARD_BODY.index(name)] for name in ("Head", "LeftArm", "LeftForeArm", "LeftHand", "RightArm")}
-    arm = np.linalg.norm(joint["LeftForeArm"] - joint["LeftArm"]) + np.linalg.norm(joint["LeftHand"] - joint["LeftForeArm"])
-    heading = quat_from_yaw(yaw_from_quat(rotations[:, HEAD]))
-    from_head = np.stack((joint["LeftArm"], joint["RightArm"])) - joint["Head"]
-    shoulders = positions[:, [HEAD]] + rotate(heading[:, None], from_head)
-    distance = np.linalg.norm(positions[:, HANDS] - shoulders, axis=-1)[tracked[:, HANDS]]
-    return float(np.mean(distance <= arm + REACH_SLACK * stature)) if len(distance) else float("nan")
+def joint_poses(take: Take, calibration: Calibration) -> Take:
+    """The take as poses of joints over a floor at z = 0, by a calibration of it, with nothing filled: NaN where it was not tracked."""
+    positions, rotations = _joint_poses(take, calibration.constants)
+    return replace(take, kind="joint", positions=positions.astype(np.float32), rotations=rotations.astype(np.float32))
+
+
+def _joint_poses(take: Take, constants: dict[str, Constant[Any]]) -> tuple[Array, Array]:
+    positions, rotations = take.positions.astype(np.float64), take.rotations.astype(np.float64)
+    if "device" in constants:
+        controller = held(CONTROLLERS[constants["device"].value], constants["wrist_offset"].value)
+        positions, rotations = mounting(controller, constants["head_offset"].value).joints(positions, rotations)
+    positions[..., 2] -= constants["floor"].value
+    return positions, rotations
 
 
 def _check(take: Take, options: CalibrationOptions) -> None:
@@ -132,8 +142,8 @@ def _check(take: Take, options: CalibrationOptions) -> None:
     for name, offset in (("--head-offset", options.head_offset), ("--wrist-offset", options.wrist_offset)):
         if offset and not np.linalg.norm(offset) < 0.5:
             raise InputError(name, f"{offset} is not in metres from a device to the joint beside it; under 0.5 would be")
-    if options.device is not None and options.device not in CONTROLLERS:
-        raise InputError("--device", f"{options.device!r} is not known; {', '.join(CONTROLLERS)} are")
+    if options.device not in (None, NO_DEVICE, *CONTROLLERS):
+        raise InputError("--device", f"{options.device!r} is not known; {', '.join(CONTROLLERS)} and {NO_DEVICE} are")
 
 
 def _device(take: Take, options: CalibrationOptions) -> Constant[str]:
@@ -147,16 +157,20 @@ def _head_offset(options: CalibrationOptions, stature: float) -> Vector:
     return options.head_offset or head_offset(stature)
 
 
-def _sizes(take: Take, options: CalibrationOptions) -> dict[str, Constant[float]]:
-    """Floor, eye height, head height and stature."""
+def _sizes(take: Take, options: CalibrationOptions, pose: slice | None) -> dict[str, Constant[float]]:
+    """Floor, eye height, head height and stature; `pose` are the samples of a T-pose, if there is one."""
     seen = take.tracked[:, HEAD]
+    posed = np.zeros(len(take), dtype=bool)
+    posed[pose or slice(0)] = True
+    posed = posed[seen]
     height = take.positions[seen, HEAD, 2].astype(np.float64)
     up = matrix_from_quat(take.rotations[seen, HEAD].astype(np.float64))[:, 2]
 
     def standing(stature: float) -> float:
         """The head joint's standing height in the take, if the performer has that stature."""
         offset = np.array(_head_offset(options, stature) if take.kind == "device" else (0, 0, 0))
-        return float(np.percentile(height + up @ offset, STANDING_PERCENTILE))
+        joint = height + up @ offset
+        return float(np.median(joint[posed]) if pose else np.percentile(joint, STANDING_PERCENTILE))
 
     def eyes(stature: float) -> float:
         return HEAD_JOINT_SHARE * stature - _head_offset(options, stature)[2]
@@ -164,7 +178,8 @@ def _sizes(take: Take, options: CalibrationOptions) -> dict[str, Constant[float]
     measured = ADULT_STATURE
     for _ in range(4):  # the offset from headset to joint depends a little on the stature that it gives
         measured = (standing(measured) - (options.floor or 0.0)) / HEAD_JOINT_SHARE
-    seen_at = f"the eyes are at {eyes(measured):.2f} m, percentile {STANDING_PERCENTILE} over the take"
+    where = "in the T-pose" if pose else f"percentile {STANDING_PERCENTILE} over the take"
+    seen_at = f"the eyes are at {eyes(measured):.2f} m, {where}"
     on_floor = options.floor is not None or EYE_LEVEL_ORIGIN <= eyes(measured) <= EYE_HEIGHTS[1]
     believable = on_floor and EYE_HEIGHTS[0] <= eyes(measured) <= EYE_HEIGHTS[1] and not options.seated
     if options.eye_height is not None:
@@ -192,7 +207,7 @@ def _sizes(take: Take, options: CalibrationOptions) -> dict[str, Constant[float]
     }
 
 
-def _warnings(sizes: dict[str, Constant[float]], reach: float) -> list[str]:
+def _warnings(sizes: dict[str, Constant[float]]) -> list[str]:
     warnings = []
     eye, floor = sizes["eye_height"], sizes["floor"]
     if eye.source == "assumed":
@@ -201,6 +216,4 @@ def _warnings(sizes: dict[str, Constant[float]], reach: float) -> list[str]:
         warnings.append(f"eye height {eye.value:.2f} m is a child's, or nobody stands in this take; give it (--eye-height) or say that they sit (--seated)")
     if floor.source == "measured":
         warnings.append(f"{floor.why}; the floor is put at {floor.value:.2f} m; give another one (--floor) if it is not there")
-    if reach < LOW_REACH:
-        warnings.append(f"an arm reaches the wrist in only {reach:.0%} of samples; check --device, --wrist-offset and --eye-height")
     return warnings

@@ -5,15 +5,17 @@ are those of the left hand; the right hand has their mirror image.
 
 The headset's pose is the point between the eyes. The head joint of a skeleton is the base of the skull.
 
-The controllers come in two conventions:
+The controllers come in these conventions:
 
 grip    The OpenXR grip pose: the origin is the centre of the fist, -Z of OpenXR runs along the handle toward the thumb, X is normal to the
         palm. In engine axes: -Y toward the thumb, +X out of the back of the left hand, +Z (about) toward the wrist.
 raw     The pose that SteamVR gives: the origin is at the front of the controller, before the hand. Beat Saber's sabers are near it too.
+touch   The same of Quest and Rift S controllers, whose origin and handle are elsewhere.
 
-Both are from the hand that SteamVR's skeletal input places on an Index controller, and the offset from its raw pose to its grip pose.
-As a check, the point that moves least while the hand turns (the wrist, drawn toward the elbow) lies 0.14-0.22 m behind the origin in
-recordings of raw poses.
+The first two are from the hand that SteamVR's skeletal input places on an Index controller, and the offset from its raw pose to its grip
+pose; Vive wands have no published grip pose, and are taken to be held like these. The third is the grip pose in the render models that
+SteamVR has of Quest controllers ("openxr_grip": 0.1019 m behind the raw origin, tilted by 20.6°). As a check, the point that moves least
+while the hand turns (the wrist, drawn toward the elbow) lies 0.14-0.22 m behind the origin in recordings of raw poses.
 """
 
 from __future__ import annotations
@@ -62,10 +64,14 @@ class Controller:
 
 GRIP = Controller(wrist=(0.033, 0.021, 0.059), tilt=np.radians(36.5))
 RAW = Controller(wrist=(0.034, 0.165, 0.036), tilt=np.radians(52.0))
+TOUCH = Controller(wrist=(0.026, 0.142, 0.046), tilt=np.radians(36.5 + 20.6))
 
-CONTROLLERS = {"quest2": GRIP, "index": RAW, "vive": RAW, "saber": RAW}
+CONTROLLERS = {"quest2": GRIP, "quest3": GRIP, "rift-s": GRIP, "grip": GRIP, "index": RAW, "vive": RAW, "touch-steamvr": TOUCH, "saber": RAW}
+"""By name: headsets whose own runtimes give grip poses, the grip pose of anything (OpenXR), and what SteamVR gives as raw poses."""
 DEFAULT_DEVICE = "quest2"
 """Assumed where a take does not say."""
+NO_DEVICE = "none"
+"""Instead of one: the poses are those of the joints."""
 
 
 @dataclass(frozen=True)

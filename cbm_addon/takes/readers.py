@@ -1,4 +1,7 @@
-"""Reading a take, whatever its format: found by what the file holds, not by its name."""
+"""Reading a take, whatever its format: found by what the file holds, not by its name.
+
+A format is one module with a NAME, `recognises` and `read` (see Reader), and its place in READERS.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,8 @@ from pathlib import Path
 from typing import Protocol
 
 from ..errors import InputError
-from . import bsor, native_csv, xr_csv
+from . import brekel, bsor, bvh_trackers, native_csv, xr_csv
+from .blender_formats import format_of
 from .recording import TakeOverrides
 from .take import Take
 
@@ -25,7 +29,13 @@ class Reader(Protocol):
     def read(self, path: Path, overrides: TakeOverrides) -> Take: ...
 
 
-READERS: tuple[Reader, ...] = (native_csv, bsor, xr_csv)
+READERS: list[Reader] = [native_csv, bsor, xr_csv, brekel, bvh_trackers]
+"""In the order in which they are asked. Where there is Blender, BLENDER_FILES of `scene/take_files.py` is registered too."""
+
+
+def register(reader: Reader) -> None:
+    """Adds a reader, in the place of the one of that name if there is one."""
+    READERS[:] = [other for other in READERS if other.NAME != reader.NAME] + [reader]
 
 
 def read_take(path: str | Path, overrides: TakeOverrides = MEASURE) -> Take:
@@ -35,12 +45,9 @@ def read_take(path: str | Path, overrides: TakeOverrides = MEASURE) -> Take:
     for reader in READERS:
         if reader.recognises(head):
             return reader.read(path, overrides)
+    if name := format_of(head):
+        raise InputError(path, f"is {name}, which takes Blender to read; run this inside Blender, or `pip install bpy`")
     raise InputError(path, f"is not a take; these are read: {', '.join(reader.NAME for reader in READERS)}")
-
-
-def is_bvh(path: Path) -> bool:
-    """Whether a file is mocap in BVH, not a take. InputError if there is no such file or it is empty."""
-    return read_head(path).removeprefix(b"\xef\xbb\xbf").lstrip()[:9].upper() == b"HIERARCHY"
 
 
 def read_head(path: Path) -> bytes:

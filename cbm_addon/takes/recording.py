@@ -10,14 +10,17 @@ import numpy as np
 
 from ..errors import InputError
 from ..motion.rotations import Array, continuous, normalize
-from .frames import METRES, hands_swapped, measure_axes, measure_unit, to_engine
+from .cleaning import FASTEST_HAND, joined, spikes, teleports
+from .frames import AXES, METRES, to_engine
+from .measure import hands_swapped, head_tilted, measure_axes, measure_unit
 from .take import DEVICES, HANDS, HEAD, Constant, Defect, Take, TakeReport
 
 FARTHEST_HAND = 1.5  # metres from the headset: beyond it a controller is no longer in a hand
-FASTEST_HAND = 25.0  # metres per second
 RATES = (15.0, 150.0)  # samples per second of the headsets that exist
 GAP = 0.25  # seconds without a sample
+LONGEST = 24 * 3600.0  # seconds
 SURE = 0.5  # confidence in measured axes, below which the user is told
+TILTED = 0.1  # share of samples with the head leant to its side, above which its rotations are not believed
 HEADSET_HEIGHT = (0.5, 2.5)  # metres, median, when the origin is on the floor
 
 
@@ -25,14 +28,26 @@ HEADSET_HEIGHT = (0.5, 2.5)  # metres, median, when the origin is on the floor
 class TakeOverrides:
     """What the user knows better than the measurements. None: measure.
 
-    unit        a key of METRES
-    axes        a key of AXES
-    swap_hands  True: the file's left is the right hand; False: it is not, whatever is measured
+    unit            a key of METRES
+    axes            a key of AXES
+    swap_hands      True: the file's left is the right hand; False: it is not, whatever is measured
+    rate            samples per second (median): the times are stretched to it
+    rotation_order  of Euler angles, for example "ZYX" (intrinsic)
+    keep_outliers   True: samples that no hand or head can have reached stay
+    join_teleports  True: after a jump of the whole tracking space the take goes on where it was
+    head, left, right  names of the objects, bones or joints, in files that hold many
     """
 
     unit: str | None = None
     axes: str | None = None
     swap_hands: bool | None = None
+    rate: float | None = None
+    rotation_order: str | None = None
+    keep_outliers: bool = False
+    join_teleports: bool = False
+    head: str | None = None
+    left: str | None = None
+    right: str | None = None
 
 
 @dataclass(frozen=True)
@@ -42,7 +57,10 @@ class Recording:
     times      float64 [T], seconds from any origin
     positions  float64 [T, 3, 3], rotations float64 [T, 3, 4] w x y z of any length
     axes, unit set by the format, or None: to be measured
+    likely_axes  what to measure among
+    usual_axes  what the format nearly always has: anything else is told
     constants  what the reader itself decided, for example the meaning of a time column
+    defects    what the reader itself found
     """
 
     format: str
@@ -53,8 +71,11 @@ class Recording:
     extras: dict[str, Array] = field(default_factory=dict)
     axes: str | None = None
     unit: str | None = None
+    likely_axes: tuple[str, ...] = ("openxr", "unity", "zup", "unreal", "engine")
+    usual_axes: str | None = None
     origin: dict[str, str] = field(default_factory=dict)
     constants: dict[str, Constant[Any]] = field(default_factory=dict)
+    defects: tuple[Defect, ...] = ()
 
 
 class _Defects(list[Defect]):
@@ -66,10 +87,15 @@ class _Defects(list[Defect]):
 
 def take_from(recording: Recording, path: Path, overrides: TakeOverrides) -> Take:
     """The take in a recording; InputError when no take can be made of it."""
-    defects = _Defects()
+    defects = _Defects(recording.defects)
     tracked = _tracked(recording, defects)
     rows = _usable_rows(recording.times, tracked[:, HEAD], path, defects)
     times, tracked = recording.times[rows] - recording.times[rows[0]], tracked[rows]
+    constants = dict(recording.constants)
+    if overrides.rate is not None:
+        times = times / np.median(np.diff(times)) / overrides.rate
+        constants["time"] = Constant(f"{overrides.rate:g} samples a second", "given")
+    _check_length(times, path)
     positions = np.where(tracked[..., None], recording.positions[rows], np.nan)
     rotations = np.where(tracked[..., None], normalize(recording.rotations[rows]), np.nan)
     _count_flips(rotations, tracked, defects)
@@ -78,19 +104,19 @@ def take_from(recording: Recording, path: Path, overrides: TakeOverrides) -> Tak
     positions = positions * METRES[unit.value]
     axes = _axes(recording, positions, rotations, overrides, defects)
     positions, rotations = to_engine(positions, rotations, axes.value)
+    _doubt_rotations(positions, rotations, axes, path, defects)
     swapped = _swap(positions, rotations, overrides, defects)
     if swapped.value:
         order = [0, 2, 1]
         positions, rotations, tracked = positions[:, order], rotations[:, order], tracked[:, order]
 
-    out_of_reach = np.linalg.norm(positions - positions[:, [HEAD]], axis=-1) > FARTHEST_HAND
-    defects.note("out_of_reach", out_of_reach.sum(), f"hand samples over {FARTHEST_HAND} m from the headset, taken as not tracked: {{count}}")
-    tracked = tracked & ~out_of_reach
+    if not overrides.keep_outliers:
+        tracked = _without_outliers(times, positions, rotations, tracked, defects)
     positions, rotations = (np.where(tracked[..., None], values, np.nan) for values in (positions, rotations))
+    positions, rotations = _teleports(times, positions, rotations, tracked, overrides, defects)
     rotations = _continuous(rotations, tracked)
     _notice(times, positions, tracked, defects)
 
-    constants = {"axes": axes, "unit": unit, "swap_hands": swapped, **recording.constants}
     return Take(
         name=path.stem,
         times=times,
@@ -99,7 +125,9 @@ def take_from(recording: Recording, path: Path, overrides: TakeOverrides) -> Tak
         tracked=tracked,
         kind=recording.kind,
         extras={name: values[rows].astype(np.float32) for name, values in recording.extras.items()},
-        report=TakeReport(recording.format, len(recording.times), recording.origin, constants, tuple(defects)),
+        report=TakeReport(
+            recording.format, len(recording.times), recording.origin, {"axes": axes, "unit": unit, "swap_hands": swapped, **constants}, tuple(defects)
+        ),
     )
 
 
@@ -140,12 +168,24 @@ def _usable_rows(times: np.ndarray, head_tracked: np.ndarray, path: Path, defect
     return rows
 
 
+def _check_length(times: np.ndarray, path: Path) -> None:
+    if times[-1] > LONGEST:
+        raise InputError(path, f"lasts {times[-1] / 3600:.0f} hours; are its times in the unit that they claim? Give the rate (--rate)")
+
+
+def check_rate(times: np.ndarray, path: Path) -> None:
+    """InputError if samples come faster than from any headset: for formats whose times are known to be wrong at times."""
+    rate = 1 / np.nanmedian(np.diff(times)) if len(times) > 1 else 0.0
+    if rate > RATES[1]:
+        raise InputError(path, f"{rate:.0f} samples a second are more than any headset gives: is its unit of time another one? Give the rate (--rate)")
+
+
 def _unit(recording: Recording, positions: Array, overrides: TakeOverrides, path: Path) -> Constant[str]:
     if overrides.unit:
         return Constant(overrides.unit, "given")
     if recording.unit:
         return Constant(recording.unit, "format")
-    unit = measure_unit(positions, up=2 if overrides.axes in ("engine", "unreal") else 1)
+    unit = measure_unit(positions, up=int(np.argmax(AXES[overrides.axes or recording.axes or recording.likely_axes[0]][2])))
     if unit is None:
         distance = np.nanmedian(np.linalg.norm(positions[:, HANDS] - positions[:, [HEAD]], axis=-1))
         raise InputError(path, f"no unit fits a human: the hands are {distance:.4g} from the head; give the unit (--unit m, cm or mm)")
@@ -157,14 +197,26 @@ def _axes(recording: Recording, positions: Array, rotations: Array, overrides: T
         return Constant(overrides.axes, "given")
     if recording.axes == "engine":
         return Constant("engine", "format")
-    measured = measure_axes(positions, rotations)
+    measured = measure_axes(positions, rotations, ("openxr", "unity") if recording.axes else recording.likely_axes)
     sure = (measured.confidence or 0) > SURE
     if recording.axes is None:
         defects.note("axes_uncertain", len(positions) * (not sure), f"axes are uncertain ({measured.why}): look at the result, or give the axes (--axes)")
+        unusual = sure and recording.usual_axes not in (None, measured.value)
+        message = f"{measured.value} axes, where {recording.usual_axes} is usual: converted from what was measured; if that is wrong, give the axes (--axes)"
+        defects.note("axes_unusual", len(positions) * unusual, message)
         return measured
     doubt = sure and measured.value != recording.axes
     defects.note("axes_unlikely", len(positions) * doubt, f"{recording.axes} axes are unlikely; in {measured.value} axes: {measured.why}")
     return Constant(recording.axes, "format")
+
+
+def _doubt_rotations(positions: Array, rotations: Array, axes: Constant[str], path: Path, defects: _Defects) -> None:
+    """InputError if the head leans as no head does, unless somebody vouches for the axes: then it is only noted."""
+    tilted = head_tilted(positions, rotations)
+    message = f"the head leans far to its side in {tilted:.0%} of samples: components of its rotations are exchanged, or Euler angles in another order"
+    if tilted > TILTED and axes.source == "measured":
+        raise InputError(path, f"{message}; export it again, or vouch for it by giving its axes (--axes)")
+    defects.note("head_tilted", len(positions) * (tilted > TILTED), message)
 
 
 def _swap(positions: Array, rotations: Array, overrides: TakeOverrides, defects: _Defects) -> Constant[bool]:
@@ -174,6 +226,23 @@ def _swap(positions: Array, rotations: Array, overrides: TakeOverrides, defects:
     if swapped.value:
         defects.note("hands_swapped", len(positions), f"{swapped.why}: hands exchanged; to keep them, say so (--no-swap-hands)")
     return swapped
+
+
+def _without_outliers(times: np.ndarray, positions: Array, rotations: Array, tracked: np.ndarray, defects: _Defects) -> np.ndarray:
+    """Bool [T, 3]: tracked, and where a hand or head can be."""
+    out_of_reach = np.linalg.norm(positions - positions[:, [HEAD]], axis=-1) > FARTHEST_HAND
+    defects.note("out_of_reach", out_of_reach.sum(), f"hand samples over {FARTHEST_HAND} m from the headset, taken as not tracked: {{count}}")
+    tracked = tracked & ~out_of_reach
+    sudden = spikes(times, positions, rotations, tracked)
+    defects.note("spike", sudden.sum(), "samples that jump away and back faster than anybody can, taken as not tracked: {count}")
+    return tracked & ~sudden
+
+
+def _teleports(times: np.ndarray, positions: Array, rotations: Array, tracked: np.ndarray, overrides: TakeOverrides, defects: _Defects) -> tuple[Array, Array]:
+    jumps = teleports(times, positions, rotations, tracked)
+    what = "joined" if overrides.join_teleports else "kept; to go on where the head was, join them (--join-teleports)"
+    defects.note("teleport", len(jumps), f"sudden jumps or turns of the head that stay: {{count}}, {what}")
+    return joined(positions, rotations, tracked, jumps) if overrides.join_teleports else (positions, rotations)
 
 
 def _count_flips(rotations: Array, tracked: np.ndarray, defects: _Defects) -> None:
@@ -194,7 +263,8 @@ def _notice(times: np.ndarray, positions: Array, tracked: np.ndarray, defects: _
     """What is worth knowing but is left as it is."""
     steps = np.diff(times)
     rate = 1 / np.median(steps)
-    defects.note("implausible_rate", len(times) * (not RATES[0] <= rate <= RATES[1]), f"{rate:.0f} samples a second are unusual: is the time unit right?")
+    unusual = not RATES[0] <= rate <= RATES[1]
+    defects.note("implausible_rate", len(times) * unusual, f"{rate:.0f} samples a second are unusual: is the time unit right? If not, give the rate (--rate)")
     defects.note("gap", (steps > GAP).sum(), f"gaps without samples: {{count}}, the longest {steps.max():.2f} s")
     for device, name in enumerate(DEVICES):
         defects.note(f"{name}_lost", (~tracked[:, device]).sum(), f"{name} not tracked in {np.mean(~tracked[:, device]):.1%} of samples")

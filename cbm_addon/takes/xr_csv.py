@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from .csv_table import read_table, require
-from .recording import Recording, TakeOverrides, take_from
+from .recording import Recording, TakeOverrides, check_rate, take_from
 from .take import DEVICES, Constant, Take
 
 NAME = "XR research CSV"
@@ -30,11 +30,13 @@ def read(path: Path, overrides: TakeOverrides) -> Take:
     table = read_table(path)
     poses = np.stack([_poses(path, table, device) for device in DEVICES], axis=1)
     times, time = _times(table, len(poses))
+    if overrides.rate is None:
+        check_rate(times, path)
     constants = {
         "time": time,
         "device": Constant("index", "assumed", "most such recordings hold controller poses as SteamVR gives them"),
     }
-    return take_from(Recording(NAME, times, poses[..., :3], poses[..., 3:], constants=constants), path, overrides)
+    return take_from(Recording(NAME, times, poses[..., :3], poses[..., 3:], usual_axes="openxr", constants=constants), path, overrides)
 
 
 def _poses(path: Path, table: dict[str, np.ndarray], device: str) -> np.ndarray:
@@ -59,5 +61,5 @@ def _times(table: dict[str, np.ndarray], count: int) -> tuple[np.ndarray, Consta
             step = float(np.nanmedian(np.diff(table[name])))
             seconds, unit = (0.001, "milliseconds") if step > 1 else (1.0, "seconds")
             return table[name] * seconds, Constant(f"{name} in {unit}", "measured", f"its median step is {step:.4g}")
-    why = "no time column; a column delta_time_s (seconds since the start) would be used"
+    why = "no time column; give the rate (--rate), or a column delta_time_s (seconds since the start)"
     return np.arange(count) / ASSUMED_RATE, Constant(f"{ASSUMED_RATE:.0f} samples a second", "assumed", why)

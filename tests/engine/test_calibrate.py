@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from cbm_addon.errors import InputError
-from cbm_addon.motion.rotations import multiply, quat_from_axis_angle
+from cbm_addon.motion.rotations import IDENTITY, difference, multiply, quat_from_axis_angle, rotate
 from cbm_addon.takes.calibrate import ADULT_STATURE, CalibrationOptions, calibrate
-from cbm_addon.takes.devices import EYE_SHARE
+from cbm_addon.takes.devices import CONTROLLERS, EYE_SHARE
+from cbm_addon.takes.frames import AXES
 from cbm_addon.takes.sample_motion import sample_motion
 from cbm_addon.takes.synthesize import synthesize
 from cbm_addon.takes.take import HEAD, LEFT, RIGHT
@@ -149,6 +150,78 @@ def test_lost_samples_are_filled_and_stay_marked():
     np.testing.assert_allclose(np.linalg.norm(calibrated.rotations, axis=-1), 1, atol=1e-5)
     assert (np.sum(calibrated.rotations[1:] * calibrated.rotations[:-1], axis=-1) > 0).all()
     np.testing.assert_array_equal(calibrated.tracked, tracked)
+
+
+def test_poses_of_joints_can_be_declared():
+    """A take that its format calls one of devices, whatever was recorded."""
+    calibrated = calibrate(replace(TRUTH, kind="device"), CalibrationOptions(device="none"))
+    np.testing.assert_array_equal(calibrated.take.positions, TRUTH.positions)
+    assert "device" not in calibrated.calibration.constants
+
+
+def test_controllers_of_one_hand_differ_by_where_their_poses_are():
+    """SteamVR's models of Quest controllers put the grip pose 7 mm to the side of the raw pose, 1.8 mm below and 101.9 mm behind it, tilted
+    by 20.6° (OpenXR axes). A hand on the grip is where a hand on the raw pose is."""
+    to_engine = AXES["openxr"]
+    tilt = quat_from_axis_angle(to_engine @ np.array([1.0, 0, 0]), np.radians(20.6))
+    grip, touch = CONTROLLERS["grip"], CONTROLLERS["touch-steamvr"]
+    wrist = to_engine @ np.array([0.007, -0.00183, 0.10195]) + rotate(tilt, np.array(grip.wrist))
+    np.testing.assert_allclose(touch.wrist, wrist, atol=0.001)
+    assert np.degrees(difference(touch.wrist_rotation(), multiply(tilt, grip.wrist_rotation()))) < 0.1
+
+
+def test_arm_reach_is_measured():
+    constant = calibrate(TRUTH).calibration.constants["arm_reach"]
+    rest = MOTION.skeleton
+    arm = np.linalg.norm(rest.offsets[rest.index("LeftForeArm")]) + np.linalg.norm(rest.offsets[rest.index("LeftHand")])
+    assert constant.value == pytest.approx(arm, rel=0.1)
+    alone = synthesize(MOTION, device="quest2", head_only=True)
+    assert "arm_reach" not in calibrate(alone).calibration.constants
+
+
+def test_a_hand_under_the_floor_is_told():
+    positions = TAKE.positions.copy()
+    positions[500:520, LEFT, 2] -= positions[500:520, LEFT, 2].max() + 0.3
+    warnings = calibrate(replace(TAKE, positions=positions)).calibration.warnings
+    assert any("under the floor" in warning for warning in warnings)
+
+
+def posed(device: str = "quest2", crouch: float = 0.0):
+    """A second in the T-pose in which the skeleton rests, then the sample, lower by `crouch` metres."""
+    still = replace(MOTION, times=MOTION.times[:90], root=np.repeat(MOTION.root[:1], 90, axis=0), rotations=np.tile(IDENTITY, (90, len(MOTION.skeleton), 1)))
+    still = replace(still, root=still.root + np.float32([0, 0, MOTION.skeleton.height_above_toes() - still.positions()[0, MOTION.skeleton.index("Head"), 2]]))
+    first, rest = synthesize(still, device=device), moved(-crouch, synthesize(MOTION, device=device))
+    return replace(
+        rest,
+        times=np.concatenate((first.times, rest.times + first.times[-1] + 1 / 72)),
+        positions=np.concatenate((first.positions, rest.positions)),
+        rotations=np.concatenate((first.rotations, rest.rotations)),
+        tracked=np.concatenate((first.tracked, rest.tracked)),
+    )
+
+
+def test_the_t_pose_tells_the_height_of_who_hardly_stands_otherwise():
+    calibration = calibrate(posed(crouch=0.35)).calibration
+    assert calibration.constants["t_pose"].value == "0.0 to 1.2 s"
+    assert calibration.head_height == pytest.approx(HEAD_HEIGHT, rel=0.01)
+    assert "T-pose" in calibration.constants["eye_height"].why
+    assert "t_pose" not in calibrate(TAKE).calibration.constants
+
+
+def test_the_t_pose_tells_the_wrong_controllers():
+    def pointing(options: CalibrationOptions) -> list[str]:
+        return [warning for warning in calibrate(posed("quest2"), options).calibration.warnings if "away from the arms" in warning]
+
+    assert pointing(CalibrationOptions()) == []
+    assert pointing(CalibrationOptions(device="index")) == []  # 15° of difference are within how people hold things
+    assert pointing(CalibrationOptions(device="none")) != []
+
+
+def test_a_headset_alone_gives_a_whole_take():
+    alone = calibrate(synthesize(MOTION, device="quest2", head_only=True))
+    assert np.isfinite(alone.take.positions).all()
+    assert alone.calibration.head_height == pytest.approx(HEAD_HEIGHT, rel=0.01)
+    assert alone.calibration.warnings == ()
 
 
 @pytest.mark.parametrize(

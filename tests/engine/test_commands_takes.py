@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import sys
+from dataclasses import replace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -13,6 +16,9 @@ from cbm_addon.takes import native_csv
 from cbm_addon.takes.readers import read_take
 from cbm_addon.takes.sample_motion import sample_motion, sample_take
 from cbm_addon.takes.synthesize import synthesize
+from cbm_addon.takes.take import DEVICES
+
+SVG = "{http://www.w3.org/2000/svg}"
 
 
 @pytest.fixture
@@ -58,6 +64,60 @@ def test_info_reports_defects_and_overrides(take_file, tmp_path, capsys):
     assert take["calibration"]["eye_height"] == pytest.approx(1.8)
 
 
+def test_info_plots_a_take_before_and_after_cleaning(tmp_path):
+    take = sample_take()
+    take.tracked[500:600, 1] = False
+    take.positions[1000, 2, 0] += 1
+    native_csv.write(tmp_path / "dirty.csv", replace(take, positions=np.where(take.tracked[..., None], take.positions, np.nan)))
+    assert run("info", tmp_path / "dirty.csv", "--plot", tmp_path / "take.svg") == 0
+    drawing = ElementTree.parse(tmp_path / "take.svg").getroot()
+    assert [text.text for text in drawing.iter(f"{SVG}text") if text.text in DEVICES] == list(DEVICES)
+    curves = [np.array([point.split(",") for point in line.get("points").split()], dtype=float) for line in drawing.iter(f"{SVG}polyline")]
+    assert len(curves) == 9
+    assert all(len(curve) < 4 * 900 and (np.diff(curve[:, 0]) >= 0).all() for curve in curves)
+    assert len([shade for shade in drawing.iter(f"{SVG}rect") if shade.get("fill") == "#fbe9d0"]) == 2, "a loss, and the sample taken out"
+    # The sample that jumped away is among the dots, and no curve goes there.
+    marks = list(drawing.iter(f"{SVG}path"))[6].get("d").split("M")[1:]
+    dots = np.array([mark.split("h")[0].split() for mark in marks], dtype=float)
+    off = np.abs(dots[:, 1] - np.interp(dots[:, 0], *curves[6].T))
+    assert (off > 10).sum() == 1
+    assert dots[np.argmax(off), 0] == pytest.approx(60 + 900 * take.times[1000] / take.seconds, abs=1)
+
+
+def test_only_one_take_is_plotted_and_nothing_of_the_user_s_is_replaced(take_file, tmp_path, capsys):
+    assert run("info", take_file, take_file, "--plot", tmp_path / "take.svg") == 2
+    (tmp_path / "mine.svg").write_text("mine")
+    assert run("info", take_file, "--plot", tmp_path / "mine.svg") == 2
+    assert (tmp_path / "mine.svg").read_text() == "mine"
+    assert capsys.readouterr().err.count("error:") == 2
+
+
+def test_convert_splits_an_interrupted_take(tmp_path):
+    take = sample_take()
+    native_csv.write(tmp_path / "long.csv", replace(take, times=take.times + 60 * (np.arange(len(take)) >= 1000)))
+    assert run("convert", tmp_path / "long.csv", tmp_path / "piece.csv", "--split", 2, "--json", tmp_path / "report.json") == 0
+    pieces = [read_take(tmp_path / f"piece_{number}.csv") for number in (1, 2)]
+    assert [len(piece) for piece in pieces] == [1000, len(take) - 1000]
+    assert [piece["samples"] for piece in json.loads((tmp_path / "report.json").read_text())["pieces"]] == [1000, len(take) - 1000]
+    assert not (tmp_path / "piece.csv").exists()
+
+
+def test_decisions_can_be_overridden(take_file, tmp_path, capsys):
+    assert run("info", take_file, "--rate", 36, "--device", "none", "--json", tmp_path / "report.json") == 0
+    (take,) = json.loads((tmp_path / "report.json").read_text())["files"]
+    assert take["rate_hz"] == pytest.approx(36, abs=0.01)
+    assert take["constants"]["time"]["source"] == "given"
+    assert "device" not in take["calibration"]["constants"]
+    assert "36 samples a second (given)" in capsys.readouterr().out
+
+
+def test_what_takes_blender_says_so_where_there_is_none(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "bpy", None)
+    (tmp_path / "take.fbx").write_bytes(b"Kaydara FBX Binary  \0")
+    assert run("info", tmp_path / "take.fbx") == 2
+    assert "inside Blender" in capsys.readouterr().err
+
+
 def test_convert_writes_a_native_take(take_file, tmp_path):
     assert run("convert", take_file, tmp_path / "again.csv") == 0
     assert read_take(tmp_path / "again.csv").kind == "device"
@@ -95,6 +155,12 @@ def test_synthesize_makes_the_sample_again(tmp_path):
         ["convert", "clip.bvh", "clip.csv"],
         ["convert", "cut.csv", "out.csv"],
         ["convert", "take.csv", "kept.csv"],
+        ["convert", "take.csv", "out.csv", "--split", "0"],
+        ["convert", "clip.bvh", "out.bvh", "--split", "1"],
+        ["info", "take.csv", "--rate", "fast"],
+        ["info", "take.csv", "--plot", "folder/plot.svg"],
+        ["record", "-o", "kept.csv"],
+        ["record", "-o", "out.csv", "--seconds", "-1"],
         ["synthesize", "clip.bvh", "-o", "kept.csv"],
         ["synthesize", "absent.bvh", "-o", "out.csv"],
         ["synthesize", "-o", "out.csv"],

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cbm_addon.errors import InputError
 from cbm_addon.motion.motion import Motion
 from cbm_addon.motion.rotations import (
     continuous,
     difference,
+    inverse,
     matrix_from_quat,
     multiply,
     normalize,
@@ -20,21 +20,15 @@ from cbm_addon.motion.rotations import (
     quat_from_rotvec,
 )
 from cbm_addon.motion.skeleton import STANDARD_BODY
-from cbm_addon.rigs.body import rig_body
+from cbm_addon.rigs.body import OUTWARD, rig_body
 from cbm_addon.rigs.pose import bone_poses, rotation_values
-from cbm_addon.rigs.recognize import recognize
-from cbm_addon.rigs.rig import Rig
+from cbm_addon.rigs.recognize import recognized
+from cbm_addon.rigs.rig import FINGER_JOINTS, Bones, Rig
 from cbm_addon.rigs.transfer import transfer
+from tests.sample_rigs import POSES, SAMPLE_RIGS, bones_at_rest, evaluate, transform
 
 
-def transform(rotation: np.ndarray, position: np.ndarray, scale: float = 1.0) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, :3] = matrix_from_quat(np.asarray(rotation, float)) * scale
-    matrix[:3, 3] = position
-    return matrix
-
-
-def an_a_posed_rig(seed: int = 0, object_matrix: np.ndarray | None = None, prefix: str = "") -> Rig:
+def an_a_posed_rig(seed: int = 0, object_matrix: np.ndarray | None = None) -> Rig:
     """The standard body with lowered arms, knees a little bent, bones with arbitrary axes, and an unmapped bone above the left knee and the head."""
     rng = np.random.default_rng(seed)
     pose = np.tile(np.array([1.0, 0, 0, 0]), (len(STANDARD_BODY), 1))
@@ -46,25 +40,28 @@ def an_a_posed_rig(seed: int = 0, object_matrix: np.ndarray | None = None, prefi
     heads = Motion(STANDARD_BODY, np.zeros(1), np.array([[0, 0, 0.95]]), pose[None]).positions()[0]
     bones, parents, rest = [], [], []
     for joint, name in enumerate(STANDARD_BODY.names):
-        parent = bones.index(prefix + STANDARD_BODY.names[STANDARD_BODY.parents[joint]]) if joint else -1
+        parent = bones.index(STANDARD_BODY.names[STANDARD_BODY.parents[joint]]) if joint else -1
         if name in ("LeftLeg", "Head"):
             bones.append(f"helper of {name}")
             parents.append(parent)
             rest.append(transform(normalize(rng.normal(size=4)), heads[joint] - [0, 0.02, 0]))
             parent = len(bones) - 1
-        bones.append(prefix + name)
+        bones.append(name)
         parents.append(parent)
         rest.append(transform(normalize(rng.normal(size=4)), heads[joint]))
-    names, above = tuple(bones), np.array(parents)
-    return Rig(
-        name="test rig",
-        bones=names,
-        parents=above,
-        rest=np.stack(rest),
-        lengths=np.full(len(bones), 0.1),
-        inherits_rotation=np.ones(len(bones), bool),
-        object_matrix=np.eye(4) if object_matrix is None else object_matrix,
-        mapping=recognize("test rig", names, above),
+    count = len(bones)
+    return recognized(
+        Bones(
+            name="test rig",
+            bones=tuple(bones),
+            parents=np.array(parents),
+            rest=np.stack(rest),
+            lengths=np.full(count, 0.1),
+            inherits_rotation=np.ones(count, bool),
+            local_location=np.ones(count, bool),
+            constrained=np.zeros(count, bool),
+            object_matrix=np.eye(4) if object_matrix is None else object_matrix,
+        )
     )
 
 
@@ -74,19 +71,18 @@ def a_motion(body, frames: int = 20, seed: int = 1) -> Motion:
     return Motion(body, np.arange(frames) / 30, rng.uniform(-1, 1, (frames, 3)), rotations)
 
 
-def evaluate(rig: Rig, motion_frames: int, poses) -> np.ndarray:
-    """World matrices [T, B, 4, 4] of the bones by Blender's definition: parent's pose * offset at rest * own pose."""
-    basis = np.tile(np.eye(4), (motion_frames, len(rig.bones), 1, 1))
-    for pose in poses:
-        bone = rig.index(pose.control.bone)
-        basis[:, bone, :3, :3] = matrix_from_quat(pose.rotation)
-        if pose.location is not None:
-            basis[:, bone, :3, 3] = pose.location
-    matrices = np.empty_like(basis)
-    for bone, parent in enumerate(rig.parents):
-        above = np.eye(4) if parent < 0 else matrices[:, parent] @ np.linalg.inv(rig.rest[parent])
-        matrices[:, bone] = above @ rig.rest[bone] @ basis[:, bone]
-    return rig.object_matrix @ matrices
+def assert_bones_follow(rig: Rig, solved, motion: Motion) -> np.ndarray:
+    """Every mapped bone is where its joint is and turned as its joint; returns all bones' matrices."""
+    matrices = evaluate(rig, len(motion), bone_poses(rig, solved, motion))
+    world, positions = motion.forward()
+    bones = rig.mapping.joints | rig.mapping.fingers
+    for joint, name in enumerate(solved.body.names):
+        bone = rig.index(bones[name])
+        np.testing.assert_allclose(matrices[:, bone, :3, 3], positions[:, joint], atol=2e-6 * max(1, rig.scale), err_msg=name)
+        rest = multiply(rig.object_rotation, rig.rest_rotation(bones[name]))
+        expected = multiply(multiply(world[:, joint], solved.alignment[joint]), rest)
+        np.testing.assert_allclose(matrices[:, bone, :3, :3] / rig.scale, matrix_from_quat(expected), atol=2e-6, err_msg=name)
+    return matrices
 
 
 TURNED_AND_SCALED = transform(quat_from_rotvec(np.array([0, 0, 2.0])), np.array([3.0, -1, 0]), 2.5)
@@ -96,15 +92,103 @@ TURNED_AND_SCALED = transform(quat_from_rotvec(np.array([0, 0, 2.0])), np.array(
 def test_bones_are_where_the_solved_joints_are(object_matrix):
     rig = an_a_posed_rig(object_matrix=object_matrix)
     solved = rig_body(rig)
-    motion = a_motion(solved.body)
-    matrices = evaluate(rig, len(motion), bone_poses(rig, solved, motion))
-    world, positions = motion.forward()
-    for joint, name in enumerate(solved.body.names):
-        bone = rig.index(rig.mapping.joints[name])
-        np.testing.assert_allclose(matrices[:, bone, :3, 3], positions[:, joint], atol=2e-6)
-        rest = multiply(rig.object_rotation, quat_from_matrix(rig.rest[bone, :3, :3]))
-        expected = multiply(multiply(world[:, joint], solved.alignment[joint]), rest)
-        np.testing.assert_allclose(matrices[:, bone, :3, :3] / rig.scale, matrix_from_quat(expected), atol=2e-6)
+    assert_bones_follow(rig, solved, a_motion(solved.body))
+
+
+@pytest.mark.parametrize("sample", SAMPLE_RIGS, ids=lambda sample: sample.name)
+@pytest.mark.parametrize("pose", POSES)
+def test_every_kind_of_rig_follows_with_its_fingers(sample, pose):
+    """Whatever its rest pose and rolls, in centimetres and lying on its back until its object turns it upright."""
+    upright = transform(quat_from_rotvec(np.array([np.pi / 2, 0, 0])), np.array([1.0, 2, 0]), 0.01)
+    lying = transform(quat_from_rotvec(np.array([-np.pi / 2, 0, 0])), np.zeros(3))
+    bones = bones_at_rest(sample, pose, scale=100)
+    rig = recognized(replace(bones, rest=lying @ bones.rest, object_matrix=upright))
+    solved = rig_body(rig, FINGER_JOINTS)
+    assert len(solved.body) == len(sample.joints)
+    assert_bones_follow(rig, solved, a_motion(solved.body))
+
+
+@pytest.mark.parametrize("loose", ["Head", "Hips", "LeftForeArm", "helper of LeftLeg", "helper of Head", "all"])
+def test_bones_that_do_not_inherit_rotation_follow_too(loose):
+    rig = an_a_posed_rig()
+    inherits = np.array([name != loose and loose != "all" for name in rig.bones])
+    rig = recognized(replace(rig, inherits_rotation=inherits))
+    solved = rig_body(rig)
+    assert_bones_follow(rig, solved, a_motion(solved.body))
+
+
+def test_hips_whose_location_is_not_along_their_own_axes_follow_too():
+    rig = an_a_posed_rig()
+    solved = rig_body(rig)
+    free = replace(rig, local_location=np.zeros(len(rig.bones), bool))
+    assert_bones_follow(free, solved, a_motion(solved.body))
+    below = bones_at_rest(next(sample for sample in SAMPLE_RIGS if sample.name == "Unreal 4"), "A")
+    below = recognized(replace(below, local_location=np.zeros(len(below.bones), bool)))
+    assert_bones_follow(below, rig_body(below), a_motion(rig_body(below).body))
+
+
+@pytest.mark.parametrize("name", ["Unreal 5", "MakeHuman default", "Daz Genesis 9", "3ds Max Biped"])
+def test_twist_bones_share_the_roll_of_the_hand(name):
+    """They turn about the forearm by their share of the hand's roll, whatever the hand bends; the hand itself stays where it was solved."""
+    rig = recognized(bones_at_rest(next(sample for sample in SAMPLE_RIGS if sample.name == name), "A"))
+    solved = rig_body(rig)
+    frames = 25
+    roll, bend = np.linspace(-1.5, 1.5, frames), 0.4
+    motion = a_motion(solved.body, frames)
+    for side in ("Left", "Right"):
+        turns = np.tile(np.array([0, 0, bend]), (frames, 1))
+        twist = quat_from_rotvec(roll[:, None] * OUTWARD[side])
+        motion.rotations[:, solved.body.index(f"{side}Hand")] = multiply(twist, quat_from_rotvec(turns))
+    matrices = assert_bones_follow(rig, solved, motion)
+    twists = [control for control in rig.mapping.controls if control.roll]
+    assert twists
+    for control in twists:
+        forearm = rig.mapping.joints[control.joint]
+        own, limb = (quat_from_matrix(matrices[:, rig.index(bone), :3, :3]) for bone in (control.bone, forearm))
+        rest_own, rest_limb = rig.rest_rotation(control.bone), rig.rest_rotation(forearm)
+        turned = multiply(multiply(inverse(rest_limb), rest_own), inverse(multiply(inverse(limb), own)))
+        np.testing.assert_allclose(2 * np.arccos(np.clip(np.abs(turned[:, 0]), -1, 1)), control.roll * np.abs(roll), atol=2e-3)
+
+
+def test_toes_that_have_a_bone_each_turn_together():
+    rig = recognized(bones_at_rest(next(sample for sample in SAMPLE_RIGS if sample.name == "MakeHuman default")))
+    solved = rig_body(rig)
+    matrices = assert_bones_follow(rig, solved, a_motion(solved.body))
+    turns = []
+    for toe in range(1, 6):
+        own, rest = (quat_from_matrix(m[..., :3, :3]) for m in (matrices[:, rig.index(f"toe{toe}-1.L")], rig.rest[rig.index(f"toe{toe}-1.L")]))
+        turns.append(matrix_from_quat(multiply(own, inverse(rest))))
+    np.testing.assert_allclose(turns[1:], np.broadcast_to(turns[0], (4, *turns[0].shape)), atol=1e-6)
+
+
+def test_a_roll_beyond_half_a_turn_does_not_jump():
+    rig = recognized(bones_at_rest(next(sample for sample in SAMPLE_RIGS if sample.name == "Unreal 4")))
+    solved = rig_body(rig)
+    motion = a_motion(solved.body, 60)
+    motion.rotations[:, solved.body.index("LeftHand")] = quat_from_rotvec(np.linspace(2.5, 4, 60)[:, None] * OUTWARD["Left"])
+    (pose,) = (pose for pose in bone_poses(rig, solved, motion) if pose.bone == "lowerarm_twist_01_l")
+    assert difference(pose.rotation[1:], pose.rotation[:-1]).max() < 0.05
+
+
+def test_fingers_that_the_motion_does_not_have_are_left_alone():
+    rig = recognized(bones_at_rest(SAMPLE_RIGS[0]))
+    solved = rig_body(rig, ["LeftHandIndex1", "LeftHandIndex2"])
+    posed = {pose.bone for pose in bone_poses(rig, solved, a_motion(solved.body))}
+    assert {bone for bone in posed if "Hand" in bone[-12:] and bone[-1].isdigit()} == {"mixamorig:LeftHandIndex1", "mixamorig:LeftHandIndex2"}
+
+
+def test_a_finger_joint_that_the_motion_skips_goes_with_the_one_before_it():
+    rig = recognized(bones_at_rest(SAMPLE_RIGS[0], "A"))
+    solved = rig_body(rig, ["LeftHandIndex1", "LeftHandIndex3", "RightHandPinky2"])
+    assert_bones_follow(rig, solved, a_motion(solved.body))
+
+
+def test_fingers_of_a_rig_are_straight_in_the_t_pose():
+    rig = recognized(bones_at_rest(SAMPLE_RIGS[0], "A"))
+    body = rig_body(rig, FINGER_JOINTS).body
+    for side in ("Left", "Right"):
+        for joint in (f"{side}HandThumb2", f"{side}HandMiddle3"):
+            np.testing.assert_allclose(normalize(body.offsets[body.index(joint)]), OUTWARD[side], atol=1e-5)
 
 
 def test_body_of_a_rig_stands_in_the_t_pose_that_faces_minus_y():
@@ -136,24 +220,6 @@ def test_soles_stay_flat_in_the_t_pose():
     for side in ("Left", "Right"):
         drop = rig.head(side + "Toe")[2] - rig.head(side + "Foot")[2]
         assert body.offsets[body.index(side + "Toe"), 2] == pytest.approx(drop, abs=1e-6)
-
-
-def test_a_prefix_before_the_names_is_tolerated():
-    assert an_a_posed_rig(prefix="mixamorig:").mapping.joints["LeftFoot"] == "mixamorig:LeftFoot"
-
-
-def test_an_armature_without_legs_is_refused_with_what_it_lacks():
-    names = tuple(name for name in STANDARD_BODY.names if "Leg" not in name and "Foot" not in name and "Toe" not in name)
-    parents = np.array([-1, *(names.index(STANDARD_BODY.names[STANDARD_BODY.parents[STANDARD_BODY.index(name)]]) for name in names[1:])])
-    with pytest.raises(InputError, match="half a body: .*LeftUpLeg.*RightFoot"):
-        recognize("half a body", names, parents)
-
-
-def test_a_leg_that_hangs_beside_the_hips_is_refused():
-    parents = np.array(STANDARD_BODY.parents)
-    parents[STANDARD_BODY.index("LeftUpLeg")] = -1
-    with pytest.raises(InputError, match="LeftUpLeg.*parent it below Hips"):
-        recognize("rig", STANDARD_BODY.names, parents)
 
 
 @pytest.mark.parametrize("mode", ["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"])

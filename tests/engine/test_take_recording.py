@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from cbm_addon.errors import InputError
-from cbm_addon.motion.rotations import continuous, difference, matrix_from_quat, quat_from_matrix
-from cbm_addon.takes.frames import AXES, METRES, to_engine
+from cbm_addon.motion.rotations import continuous, difference, matrix_from_quat, multiply, quat_from_axis_angle, quat_from_matrix, quat_from_yaw, rotate
+from cbm_addon.takes.frames import AXES, METRES, device_axes, to_engine
 from cbm_addon.takes.recording import Recording, TakeOverrides, take_from
 from cbm_addon.takes.sample_motion import sample_take
 from cbm_addon.takes.take import HEAD, LEFT, RIGHT, Take
@@ -22,7 +22,7 @@ SAMPLE = sample_take()
 def recorded(axes: str = "openxr", unit: str = "cm") -> Recording:
     """The sample take as a file in other axes and another unit would hold it."""
     c = AXES[axes]
-    rotations = continuous(quat_from_matrix(c.T @ matrix_from_quat(SAMPLE.rotations.astype(np.float64)) @ c))
+    rotations = continuous(quat_from_matrix(c.T @ matrix_from_quat(SAMPLE.rotations.astype(np.float64)) @ device_axes(axes)))
     return Recording("test", SAMPLE.times + 7.0, SAMPLE.positions @ c / METRES[unit], rotations)
 
 
@@ -40,35 +40,48 @@ def assert_same(take: Take, truth: Take = SAMPLE) -> None:
     assert np.degrees(np.nanmax(difference(take.rotations, truth.rotations))) < 0.05
 
 
+DEVICE_AXES = {  # where a device looks, up, and to its right, in its own frame
+    "engine": ((0, -1, 0), (0, 0, 1), (-1, 0, 0)),
+    "openxr": ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
+    "unity": ((0, 0, 1), (0, 1, 0), (1, 0, 0)),
+    "unreal": ((1, 0, 0), (0, 0, 1), (0, 1, 0)),
+    "zup": ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
+    "blender": ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
+    "fbx": ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
+}
+
+
 @pytest.mark.parametrize("axes", AXES)
 def test_axes_are_proper_or_mirrored_frames_that_keep_up_and_forward(axes):
-    c = AXES[axes]
-    np.testing.assert_allclose(c @ c.T, np.eye(3))
-    assert np.linalg.det(c) == pytest.approx(-1 if axes in ("unity", "unreal") else 1)
-    forward = {"engine": (0, -1, 0), "openxr": (0, 0, -1), "unity": (0, 0, 1), "unreal": (1, 0, 0)}[axes]
-    up = (0, 0, 1) if axes in ("engine", "unreal") else (0, 1, 0)
-    right = {"engine": (-1, 0, 0), "openxr": (1, 0, 0), "unity": (1, 0, 0), "unreal": (0, 1, 0)}[axes]
-    np.testing.assert_allclose(c @ [forward, up, right][0], (0, -1, 0))
-    np.testing.assert_allclose(c @ up, (0, 0, 1))
-    np.testing.assert_allclose(c @ right, (-1, 0, 0))
+    world, device = AXES[axes], device_axes(axes)
+    for matrix in (world, device):
+        np.testing.assert_allclose(matrix @ matrix.T, np.eye(3))
+        assert np.linalg.det(matrix) == pytest.approx(-1 if axes in ("unity", "unreal") else 1)
+    forward, up, right = DEVICE_AXES[axes]
+    np.testing.assert_allclose(device @ forward, (0, -1, 0))
+    np.testing.assert_allclose(device @ up, (0, 0, 1))
+    np.testing.assert_allclose(device @ right, (-1, 0, 0))
+    np.testing.assert_allclose(world @ ((0, 1, 0) if axes in ("openxr", "unity") else (0, 0, 1)), (0, 0, 1))
 
 
 @pytest.mark.parametrize("axes", AXES)
 def test_conversion_keeps_what_a_device_points_at(axes):
     """A point fixed to a device lands at the same place whether it is converted before or after it is turned."""
     rng = np.random.default_rng(1)
-    c = AXES[axes]
     quaternion, point = rng.normal(size=(20, 4)), rng.normal(size=(20, 3))
     quaternion /= np.linalg.norm(quaternion, axis=-1, keepdims=True)
     turned = np.einsum("tij,tj->ti", matrix_from_quat(quaternion), point)
-    converted, rotation = to_engine(point, quaternion, axes)
-    np.testing.assert_allclose(np.einsum("tij,tj->ti", matrix_from_quat(rotation), converted), turned @ c.T, atol=1e-12)
+    converted, rotation = to_engine(turned, quaternion, axes)
+    np.testing.assert_allclose(rotate(rotation, point @ device_axes(axes).T), converted, atol=1e-12)
 
 
-@pytest.mark.parametrize("unit", METRES)
-@pytest.mark.parametrize("axes", ["openxr", "unity"])
-def test_axes_and_unit_are_measured(axes, unit):
-    take = read(recorded(axes, unit))
+IN_FILES, IN_BLENDER = ("openxr", "unity", "zup", "unreal", "engine"), ("blender", "fbx", "zup", "engine")
+
+
+@pytest.mark.parametrize(("axes", "among"), [*((axes, IN_FILES) for axes in IN_FILES), *((axes, IN_BLENDER) for axes in IN_BLENDER)])
+@pytest.mark.parametrize("unit", ["m", "cm"])
+def test_axes_and_unit_are_measured(axes, among, unit):
+    take = read(replace(recorded(axes, unit), likely_axes=among))
     assert_same(take)
     assert take.report.constants["axes"].value == axes
     assert take.report.constants["axes"].source == "measured"
@@ -81,6 +94,35 @@ def test_axes_and_unit_can_be_given():
     take = read(recorded("unreal", "cm"), TakeOverrides(unit="cm", axes="unreal"))
     assert_same(take)
     assert {take.report.constants[name].source for name in ("axes", "unit")} == {"given"}
+
+
+def test_axes_that_a_format_hardly_ever_has_are_told():
+    assert defects(read(replace(recorded("openxr"), usual_axes="openxr"))) == {}
+    take = read(replace(recorded("unity"), usual_axes="openxr"))
+    assert_same(take)
+    assert defects(take) == {"axes_unusual": len(SAMPLE)}
+
+
+def exchanged_components(recording: Recording) -> Recording:
+    """As if nodding were leaning: the quaternions' x and z exchanged."""
+    return replace(recording, rotations=recording.rotations[..., [0, 3, 2, 1]])
+
+
+def looking_down() -> Recording:
+    """The sample with a head that looks down by 50° throughout."""
+    recording = recorded()
+    rotations = recording.rotations.copy()
+    rotations[:, HEAD] = multiply(rotations[:, HEAD], quat_from_axis_angle(np.array([1.0, 0, 0]), np.radians(-50)))
+    return replace(recording, rotations=rotations)
+
+
+def test_a_head_that_leans_as_no_head_does_is_refused_unless_somebody_vouches_for_it():
+    assert "head_tilted" not in defects(read(looking_down()))
+    wrong = exchanged_components(looking_down())
+    with pytest.raises(InputError, match="leans far to its side"):
+        read(wrong)
+    assert "head_tilted" in defects(read(wrong, TakeOverrides(axes="openxr")))
+    assert "head_tilted" in defects(read(replace(wrong, axes="openxr")))
 
 
 def test_what_the_format_says_is_doubted_aloud():
@@ -178,14 +220,59 @@ def test_sign_flips_and_lengths_of_quaternions_are_repaired():
     assert defects(take) == {"sign_flip": 1, "quaternion_length": len(SAMPLE)}
 
 
-def test_odd_rates_gaps_and_jumps_are_reported_not_changed():
+def test_odd_rates_and_gaps_are_reported_not_changed():
     recording = recorded()
     fast = read(replace(recording, times=recording.times / 3))
     assert "implausible_rate" in defects(fast)
+    assert fast.rate == pytest.approx(3 * SAMPLE.rate)
     gapped = read(replace(recording, times=recording.times + 155 * (np.arange(len(SAMPLE)) > 700)))
     assert defects(gapped) == {"gap": 1}
+    assert gapped.seconds == pytest.approx(SAMPLE.seconds + 155)
+
+
+def test_a_given_rate_stretches_the_times():
+    recording = recorded()
+    take = read(replace(recording, times=recording.times / 3), TakeOverrides(rate=72))
+    assert_same(take)
+    assert take.report.constants["time"].source == "given"
+    assert defects(take) == {}
+
+
+def test_times_of_years_are_refused():
+    recording = recorded()
+    with pytest.raises(InputError, match="hours"):
+        read(replace(recording, times=recording.times * 1e6))
+
+
+def test_a_sample_that_jumps_away_and_back_is_not_tracked_unless_it_is_kept():
+    recording = recorded()
     recording.positions[300, LEFT, 0] += 60
-    assert defects(read(recording))["hand_jump"] == 2
+    take = read(recording)
+    assert np.flatnonzero(~take.tracked[:, LEFT]).tolist() == [300]
+    assert defects(take) == {"spike": 1, "left_lost": 1}
+    kept = read(recording, TakeOverrides(keep_outliers=True))
+    assert kept.tracked.all()
+    assert defects(kept) == {"hand_jump": 2}
+
+
+def recentred() -> Recording:
+    """The sample in a tracking space that is moved by 2 m and turned by 90° in the middle."""
+    recording = recorded()
+    positions, rotations = to_engine(recording.positions, recording.rotations, "openxr")
+    turn = quat_from_yaw(np.full((len(SAMPLE) - 1000, 1), np.pi / 2))
+    positions[1000:] = rotate(turn, positions[1000:]) + [200, 0, 0]
+    rotations[1000:] = multiply(turn, rotations[1000:])
+    return replace(recording, positions=positions, rotations=continuous(rotations), axes="engine")
+
+
+def test_a_jump_of_the_whole_tracking_space_is_told_and_joined_on_request():
+    kept = read(recentred())
+    assert defects(kept) == {"teleport": 1, "hand_jump": 3}
+    joined = read(recentred(), TakeOverrides(join_teleports=True))
+    assert defects(joined) == {"teleport": 1}
+    moved = np.linalg.norm(joined.positions - SAMPLE.positions, axis=-1)
+    assert moved.max() < 0.05, "it goes on where it was, but for the way of one sample"
+    assert difference(joined.rotations, SAMPLE.rotations).max() < np.radians(3)
 
 
 def test_an_origin_at_eye_level_is_reported():

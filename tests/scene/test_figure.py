@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cbm_addon.motion.skeleton import STANDARD_BODY
-from cbm_addon.rigs.recognize import recognize
-from cbm_addon.rigs.rig import Rig
+from cbm_addon.rigs.recognize import recognized
+from cbm_addon.rigs.rig import Bones, Rig
 from cbm_addon.scene.figure import DARK, LEFT, PALE, RIGHT, figure
 
 
@@ -16,15 +16,18 @@ def t_posed_rig(scale: float = 1.0) -> Rig:
     rest = np.tile(np.eye(4), (len(STANDARD_BODY), 1, 1))
     rest[:, :3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
     rest[:, :3, 3] = STANDARD_BODY.rest_positions() + np.array([0, 0, STANDARD_BODY.height_above_toes("Hips")])
-    return Rig(
-        name="rig",
-        bones=STANDARD_BODY.names,
-        parents=STANDARD_BODY.parents,
-        rest=rest,
-        lengths=np.full(len(rest), 0.08),
-        inherits_rotation=np.ones(len(rest), bool),
-        object_matrix=np.diag([scale, scale, scale, 1.0]),
-        mapping=recognize("rig", STANDARD_BODY.names, STANDARD_BODY.parents),
+    return recognized(
+        Bones(
+            name="rig",
+            bones=STANDARD_BODY.names,
+            parents=STANDARD_BODY.parents,
+            rest=rest,
+            lengths=np.full(len(rest), 0.08),
+            inherits_rotation=np.ones(len(rest), bool),
+            local_location=np.ones(len(rest), bool),
+            constrained=np.zeros(len(rest), bool),
+            object_matrix=np.diag([scale, scale, scale, 1.0]),
+        )
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,12 +12,16 @@ import numpy as np
 import pytest
 
 from cbm_addon.motion.bvh import read_bvh, write_bvh
+from cbm_addon.motion.contacts import contact_labels
 from cbm_addon.motion.motion import Motion
 from cbm_addon.motion.resample import resample
-from cbm_addon.motion.rotations import quat_from_rotvec, rotate
+from cbm_addon.motion.rotations import normalize, quat_from_rotvec, rotate
 from cbm_addon.motion.skeleton import STANDARD_BODY, Skeleton
 from cbm_addon.scene.action import action_curves, key_frames, scene_frames, write_action
 from cbm_addon.scene.armature import motion_from_armature, new_armature, pose_channels
+from cbm_addon.scene.importers import import_mocap
+from cbm_addon.takes.sample_motion import sample_motion
+from tests.sample_rigs import SAMPLE_RIGS, add_armature, bones_at_rest, with_lengths
 
 pytestmark = pytest.mark.usefixtures("extension")
 
@@ -326,15 +331,14 @@ def test_bones_that_do_not_inherit_rotation_follow_too(bvh):
     assert np.allclose(np.abs(free.forward()[0]), np.abs(bound.forward()[0]), atol=1e-3)
 
 
-def strangers(armature: bpy.types.Object) -> str:
-    for i, bone in enumerate(armature.data.bones):
-        bone.name = f"Part {i}"
-    return "no bone has the name of a joint"
-
-
-def headless_root(armature: bpy.types.Object) -> str:
-    armature.data.bones["Hips"].name = "Pelvis"
-    return "Hips"
+def dwarf(armature: bpy.types.Object) -> str:
+    for bone in armature.data.bones:
+        bone.name = f"Part {bone.name}"
+    bpy.ops.object.mode_set(mode="EDIT")
+    for name in ("LeftArm", "RightArm", "LeftUpLeg", "RightUpLeg"):
+        armature.data.edit_bones.remove(armature.data.edit_bones[f"Part {name}"])
+    bpy.ops.object.mode_set(mode="OBJECT")
+    return "lacks bones for LeftArm"
 
 
 def mirrored(armature: bpy.types.Object) -> str:
@@ -347,7 +351,7 @@ def edited(armature: bpy.types.Object) -> str:
     return "leave edit mode"
 
 
-@pytest.mark.parametrize("spoil", [strangers, headless_root, mirrored, edited])
+@pytest.mark.parametrize("spoil", [dwarf, mirrored, edited])
 def test_an_armature_that_does_not_fit_is_refused_in_one_line(bvh, spoil):
     armature = new_armature(bpy.context, "Rig", STANDARD_BODY)
     reason = spoil(armature)
@@ -363,6 +367,124 @@ def test_an_armature_that_does_not_fit_is_refused_in_one_line(bvh, spoil):
 def test_a_target_that_is_not_there_is_an_error(bvh, target):
     with pytest.raises(RuntimeError, match=r"Nobody: is not an armature|Armature: none is active"):
         bpy.ops.cbm.import_mocap(filepath=str(bvh(dance())), **target)
+
+
+# A rig of any kind
+
+
+def rig_of(name: str, pose: str = "A") -> bpy.types.Object:
+    return add_armature(bones_at_rest(next(sample for sample in SAMPLE_RIGS if sample.name == name), pose))
+
+
+def limb_directions(armature: bpy.types.Object, frame: int, joints: dict[str, str]) -> np.ndarray:
+    chains = [(side + a, side + b) for side in ("Left", "Right") for a, b in (("Arm", "ForeArm"), ("ForeArm", "Hand"))]
+    ends = heads(armature, frame, tuple(joints[joint] for chain in chains for joint in chain)).reshape(-1, 2, 3)
+    return normalize(ends[:, 1] - ends[:, 0])
+
+
+@pytest.mark.parametrize("sample", [sample for sample in SAMPLE_RIGS if sample.name != "motion capture"], ids=lambda sample: sample.name)
+def test_a_file_moves_a_rig_of_any_kind(bvh, sample):
+    """Arms point where the file's arms point, and the ankles go as far as the legs are long."""
+    armature = add_armature(bones_at_rest(sample, "A"))
+    bpy.context.scene.render.fps = 30
+    motion = dance()
+    assert bpy.ops.cbm.import_mocap(filepath=str(bvh(motion)), armature=armature.name) == {"FINISHED"}
+    assert armature.animation_data.action.name == "dance"
+    own = {name: name for name in STANDARD_BODY.names}
+    shown = new_armature(bpy.context, "Shown", motion.skeleton)
+    write_action(shown, "shown", scene_frames(bpy.context.scene, motion.times, 1), pose_channels(shown, motion))
+    for frame in (1, 15, 30):
+        np.testing.assert_allclose(limb_directions(armature, frame, sample.joints), limb_directions(shown, frame, own), atol=2e-3)
+    ways = [np.array([heads(obj, frame, (ankle,))[0] for frame in range(1, 31)]) for obj, ankle in ((armature, sample.joints["LeftFoot"]), (shown, "LeftFoot"))]
+    np.testing.assert_allclose(ways[0] - ways[0][0], ways[1] - ways[1][0], atol=0.03)
+
+
+@pytest.mark.parametrize("factors", [{"Leg": 1.25, "Foot": 0.85}, {"Leg": 0.8, "Foot": 1.2}, {"Leg": 0.6, "Foot": 0.6}], ids=["thighs", "shins", "short"])
+def test_feet_that_stand_in_the_file_stand_on_legs_of_other_proportions(bvh, factors):
+    """The median speed over the floor of ankles in contact is no larger than in the file, in relation to the length of the legs."""
+    bpy.context.scene.render.fps = 30
+    sample = next(sample for sample in SAMPLE_RIGS if sample.name == "Unreal 4")
+    armature = add_armature(with_lengths(sample, "A", factors))
+    motion = resample(sample_motion(), np.arange(2, 6, 1 / 30))
+    motion = replace(motion, times=motion.times - motion.times[0])
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(motion)), armature=armature.name)
+    contacts = contact_labels(motion.skeleton, motion.positions(), 30)[:, [0, 2]]
+    speeds = []
+    of_file = motion.positions()[:, motion.skeleton.indices(["LeftFoot", "RightFoot"])]
+    of_rig = np.array([heads(armature, i + 1, ("foot_l", "foot_r")) for i in range(len(motion))])
+    for ankles in (of_file, of_rig):
+        speed = 30 * np.linalg.norm(np.diff(ankles[..., :2], axis=0), axis=-1)
+        speeds.append(np.median(speed[contacts[1:]]))
+    legs = sum(factors.values()) / 2
+    assert contacts.mean() > 0.3
+    assert speeds[1] <= speeds[0] * max(legs, 1) + 0.01
+
+
+def test_many_files_become_actions_of_one_rig_with_the_files_names(bvh, tmp_path):
+    armature = rig_of("Unreal 5")
+    names = [f"clip_{i:02}" for i in range(20)]
+    for name in names:
+        bvh(dance(8), name)
+    bpy.ops.cbm.import_mocap(directory=str(tmp_path), files=[{"name": f"{name}.bvh"} for name in names], armature=armature.name)
+    assert sorted(bpy.data.actions.keys()) == names
+    assert all(action.use_fake_user for action in bpy.data.actions)
+    assert [obj.name for obj in bpy.data.objects] == [armature.name]
+
+
+def test_one_unsound_file_among_many_leaves_nothing(bvh, tmp_path):
+    armature = rig_of("Unreal 5")
+    bvh(dance(8), "sound")
+    (tmp_path / "broken.bvh").write_text("HIERARCHY")
+    before = blocks()
+    with pytest.raises(RuntimeError, match=r"broken\.bvh"):
+        bpy.ops.cbm.import_mocap(directory=str(tmp_path), files=[{"name": "sound.bvh"}, {"name": "broken.bvh"}], armature=armature.name)
+    assert added_since(before) == []
+
+
+@pytest.mark.parametrize("root", ["bone", "object", "in-place"])
+def test_the_way_of_a_file_can_be_carried_by_root_or_object_or_left_out(bvh, root):
+    armature = rig_of("Unreal 4")
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(dance())), armature=armature.name, root=root)
+    moved = {curve.data_path for curve in action_curves(armature) if "location" in curve.data_path}
+    assert moved == {"bone": {'pose.bones["root"].location', 'pose.bones["pelvis"].location'}, "object": {"location", 'pose.bones["pelvis"].location'}}.get(
+        root, {'pose.bones["pelvis"].location'}
+    )
+    places = np.array([heads(armature, frame, ("pelvis",))[0] for frame in (1, 10, 20)])
+    assert (np.ptp(places[:, :2]) < 1e-4) == (root == "in-place") or np.ptp(places[:, 0]) > 0.05
+
+
+def test_a_map_of_bones_is_used_where_one_is_given(bvh, tmp_path):
+    sample = next(sample for sample in SAMPLE_RIGS if sample.name == "Unreal 5")
+    (tmp_path / "map.json").write_text(json.dumps({"joints": sample.joints | {"Spine1": "spine_04"}}))
+    armature = rig_of("Unreal 5")
+    bpy.ops.cbm.import_mocap(filepath=str(bvh(dance())), armature=armature.name, map=str(tmp_path / "map.json"))
+    keyed = {curve.data_path.split('"')[1] for curve in action_curves(armature)}
+    assert "spine_04" in keyed
+    assert "spine_02" not in keyed
+
+
+def test_a_file_that_is_no_body_is_refused_on_a_rig_of_other_names(bvh):
+    ball = Skeleton(("Ball",), np.array([-1]), np.zeros((1, 3), np.float32), np.full((1, 3), np.nan, np.float32))
+    armature = rig_of("Unreal 5")
+    with pytest.raises(RuntimeError, match="dance: has neither the names of a known rig nor the shape of a person"):
+        bpy.ops.cbm.import_mocap(filepath=str(bvh(dance(skeleton=ball))), armature=armature.name)
+    assert not bpy.data.actions
+
+
+@pytest.mark.needs_data
+def test_every_real_body_moves_a_generated_rig_on_the_floor(data_folder, human):
+    """Of the files from a dozen systems; the one of a hand alone is left out."""
+    paths = [path for path in sorted((data_folder / "mocap" / "import_tests").glob("*.bvh")) if "clenching" not in path.name]
+    for result in import_mocap(bpy.context, paths, human, 1):
+        human.animation_data.action = result.action
+        if hasattr(result.action, "slots"):
+            human.animation_data.action_slot = result.action.slots[0]
+        frames = np.unique(np.linspace(*result.action.frame_range, 30).astype(int))
+        toes = np.array([heads(human, int(frame), ("ORG-toe.L", "ORG-toe.R", "ORG-spine.006")) for frame in frames])
+        assert np.isfinite(toes).all()
+        if result.action.name != "upc__example_2":  # its recordings do not have the floor at z = 0
+            assert toes[:, :2, 2].min() == pytest.approx(0.017, abs=0.05), result.action.name
+            assert toes[:, 2, 2].max() > 1.3
 
 
 # Armatures as motions

@@ -10,6 +10,8 @@ import bpy
 import numpy as np
 import pytest
 
+from cbm_addon.scene.action import action_curves
+
 REPOSITORY = Path(__file__).resolve().parents[2]
 SAMPLE = REPOSITORY / "cbm_addon" / "takes" / "sample" / "walk_turn_crouch.csv"
 
@@ -73,6 +75,32 @@ def test_baking_makes_a_new_action_and_leaves_the_rest_alone(metarig: bpy.types.
     assert first.name in bpy.data.actions
     assert before[:3] == (scene.render.fps, scene.frame_start, scene.frame_end)
     np.testing.assert_array_equal(before[3], np.array([bone.matrix_local for bone in metarig.data.bones]))
+
+
+def test_choosing_a_rig_shows_what_it_is_taken_for(metarig: bpy.types.Object, tmp_path: Path) -> None:
+    settings = bpy.context.scene.cbm
+    settings.rig = metarig
+    assert settings.rig_summary == "Rigify's human metarig, score 1.00: 22 joints, 30 finger joints, root bone none"
+    settings.map = str(tmp_path / "absent.json")
+    assert settings.rig_summary.startswith("! ")
+    assert "absent.json" in settings.rig_summary
+    settings.rig = None
+    assert settings.rig_summary == ""
+
+
+def test_baking_keeps_to_the_panels_map_and_root(metarig: bpy.types.Object, short_take: Path, tmp_path: Path) -> None:
+    from bl_ext.user_default.cbm.cbm_addon.rigs.tables import save_map
+    from bl_ext.user_default.cbm.cbm_addon.scene.rig import read_rig
+
+    save_map(tmp_path / "map.json", read_rig(metarig).mapping)
+    content = (tmp_path / "map.json").read_text()
+    (tmp_path / "map.json").write_text(content.replace('"Spine1": "spine.002",', ""))
+    settings = bpy.context.scene.cbm
+    settings.map, settings.root = str(tmp_path / "map.json"), "object"
+    assert bpy.ops.cbm.bake_take(take=str(short_take), rig=metarig.name) == {"FINISHED"}
+    paths = {curve.data_path for curve in action_curves(metarig)}
+    assert "location" in paths
+    assert not [path for path in paths if "spine.002" in path]
 
 
 def test_baking_without_a_take_or_onto_no_body_says_so(extension: ModuleType, short_take: Path) -> None:
