@@ -14,7 +14,7 @@ from ..cbm_addon.scene.rig import read_bones
 from ..cbm_addon.solve.models import DEFAULT_MODEL
 from ..cbm_addon.solve.perform import SolveOptions
 from ..cbm_addon.takes.calibrate import CalibrationOptions
-from ..cbm_addon.takes.devices import CONTROLLERS
+from ..cbm_addon.takes.devices import CONTROLLERS, NO_DEVICE
 from ..cbm_addon.takes.frames import AXES, METRES
 from ..cbm_addon.takes.recording import TakeOverrides
 
@@ -41,12 +41,17 @@ class CalibrationProperties:
     eye_height: bpy.props.FloatProperty(name="Eye Height", description="Standing eye height; 0 measures it", min=0, max=2.5, unit="LENGTH")
     floor: bpy.props.FloatProperty(name="Floor", description="Height of the floor in the take", unit="LENGTH")
     measure_floor: bpy.props.BoolProperty(name="Measure Floor", description="Take the floor from the recording", default=True)
-    device: bpy.props.EnumProperty(name="Device", description="Which controllers were held", items=choices(CONTROLLERS))
+    device: bpy.props.EnumProperty(name="Device", description="Which controllers were held", items=choices((*CONTROLLERS, NO_DEVICE)))
+    rate: bpy.props.FloatProperty(name="Rate", description="Samples per second; 0 takes them from the file", min=0, max=1000)
+    keep_outliers: bpy.props.BoolProperty(name="Keep Outliers", description="Keep samples that no hand or head can have reached")
+    join_teleports: bpy.props.BoolProperty(name="Join Teleports", description="Go on where the take was after a jump of the whole tracking space")
     seated: bpy.props.BoolProperty(name="Seated", description="The performer sits throughout")
 
     def overrides(self) -> TakeOverrides:
         swap = {"SWAP": True, "KEEP": False}.get(self.swap_hands)
-        return TakeOverrides(_given(self.unit), _given(self.axes), swap)
+        return TakeOverrides(
+            _given(self.unit), _given(self.axes), swap, self.rate or None, keep_outliers=self.keep_outliers, join_teleports=self.join_teleports
+        )
 
     def calibration(self) -> CalibrationOptions:
         return CalibrationOptions(

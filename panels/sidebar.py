@@ -43,6 +43,7 @@ class CBM_PT_sidebar(bpy.types.Panel):
         box.label(text="1. Take", icon="REC")
         name = PurePath(settings.take).name if settings.take else "Choose a Recording"
         box.operator(CBM_OT_import_take.bl_idname, text=name, icon="FILEBROWSER")
+        box.operator(CBM_OT_import_take.bl_idname, text="From Animated Objects", icon="OBJECT_DATA").source = "OBJECTS"
         if settings.take:
             _findings(box, WHY.sub(r" (\1)", settings.take_summary), letters)
             box.operator(CBM_OT_calibrate_take.bl_idname, icon="EMPTY_ARROWS")

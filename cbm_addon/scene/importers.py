@@ -140,8 +140,8 @@ def _read_with_blender(context: bpy.types.Context, path: Path) -> Motion:
     """The motion of the armature in a file with the most keys, as Blender's own importer brings it in. Nothing of the import stays."""
     if not path.is_file():
         raise InputError(path, "no such file; give an existing one")
-    with _scratch_scene(context) as scene:
-        _run_importer(path)
+    with scratch_scene(context) as scene:
+        run_importer(path)
         armatures = [obj for obj in scene.objects if obj.type == "ARMATURE"]
         keyed = max(armatures, key=lambda obj: len(key_frames(obj)), default=None)
         keys = key_frames(keyed) if keyed else np.empty(0)
@@ -153,7 +153,7 @@ def _read_with_blender(context: bpy.types.Context, path: Path) -> Motion:
 
 
 @contextmanager
-def _scratch_scene(context: bpy.types.Context) -> Iterator[bpy.types.Scene]:
+def scratch_scene(context: bpy.types.Context) -> Iterator[bpy.types.Scene]:
     """A scene of its own in the window. Whatever was added to the file meanwhile is removed, the user's scene comes back untouched.
 
     Importers change the frame rate, the frame range, the selection and the mode; here they change this scene's.
@@ -170,7 +170,7 @@ def _scratch_scene(context: bpy.types.Context) -> Iterator[bpy.types.Scene]:
         bpy.data.batch_remove([block for block in bpy.data.user_map() if block.session_uid not in before])
 
 
-def _run_importer(path: Path) -> None:
+def run_importer(path: Path) -> None:
     if path.suffix.lower() != ".fbx":
         importer = bpy.ops.import_scene.gltf
     elif "fbx_import" in dir(bpy.ops.wm):  # Blender 4.5 and later

@@ -11,7 +11,7 @@ from ..takes.blender_formats import BLEND, FBX, GLTF, format_of
 from ..takes.readers import Reader, read_head
 from ..takes.recording import TakeOverrides
 from ..takes.take import Take
-from .importers import _run_importer, _scratch_scene
+from .importers import run_importer, scratch_scene
 from .silence import silence
 from .take_objects import objects_take
 
@@ -34,9 +34,9 @@ class _BlenderFiles:
             return _read_blend(path, overrides)
         if path.suffix.lower() not in SUFFIXES[kind]:
             raise InputError(path, f"is {kind} by what it holds, and not by its name; Blender wants it to end in {' or '.join(SUFFIXES[kind])}")
-        with _scratch_scene(bpy.context) as scene:
+        with scratch_scene(bpy.context) as scene:
             with silence():
-                _run_importer(path)
+                run_importer(path)
             return objects_take(scene, path, overrides, kind)
 
 
@@ -46,7 +46,7 @@ BLENDER_FILES: Reader = _BlenderFiles()
 def _read_blend(path: Path, overrides: TakeOverrides) -> Take:
     if bpy.data.filepath and Path(bpy.data.filepath).resolve() == path.resolve():  # a file cannot be brought into itself
         return objects_take(bpy.context.scene, path, overrides, BLEND)
-    with _scratch_scene(bpy.context):
+    with scratch_scene(bpy.context):
         try:
             with silence(), bpy.data.libraries.load(str(path.absolute())) as (there, here):
                 here.scenes = there.scenes[:1]
