@@ -1,4 +1,5 @@
-"""What recordings have and clips have not: heads that look around, hands that are lost, heights that are misjudged."""
+"""What recordings have and clips have not: other bodies and tempi, heads that look around, hands that are lost, devices that sit askew, heights that
+are misjudged."""
 
 from __future__ import annotations
 
@@ -7,10 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from ..features import Layout
-from ..motion.rotations import Array, multiply, quat_from_yaw
+from ..motion.mirror import mirror_positions, mirror_rotations
+from ..motion.motion import Motion
+from ..motion.resample import frame_times, resample
+from ..motion.rotations import Array, multiply, quat_from_rotvec, quat_from_yaw, rotate
 from ..takes.gaps import fill
-from ..takes.take import HANDS, HEAD, Take
+from ..takes.take import HANDS, HEAD, LEFT, RIGHT, Take
 
+PROPORTION = 0.06  # the deviation of what legs, torso and arms each are of their length, as logarithm
+TEMPO = 0.1  # and of the speed of the whole clip
+ARMS = ("Arm", "ForeArm", "Hand")
+SLIP, TILT = 0.06, np.radians(8)  # metres per axis and radians per axis (deviations): how a controller sits otherwise than was thought
 LOOK = np.radians(35)  # the deviation of the angles to which the head turns
 STRAIGHT = 0.4  # how often it turns back to where the body looks
 TURNING, RESTING = (0.4, 1.5), (0.2, 2.5)  # seconds that a turn takes, and the rest after it
@@ -19,10 +27,37 @@ SEEN = 4.0  # seconds, the mean of how long a hand is seen between two losses
 LOST = (0.3, 6.0)  # seconds that a loss lasts
 
 
-def roughen(take: Take, stature: float, seed: int) -> Take:
-    """The same performance by somebody who looks around, with hands that are lost now and then."""
+def vary(motion: Motion, seed: int) -> Motion:
+    """The same performance by a body of other proportions, at another tempo, sampled at the same rate.
+
+    Hips, legs and the way over the ground grow by one factor, so that planted feet stay planted; torso and arms by factors of their own.
+    """
     random = np.random.default_rng(seed)
-    return lose_hands(look_around(take, random), stature, random)
+    legs, torso, arms, tempo = np.exp(random.normal(size=4) * (PROPORTION, PROPORTION, PROPORTION, TEMPO)).astype(np.float32)
+    names = motion.skeleton.names
+    upper = set(motion.skeleton.chain("Hips", "Head")[1:]) | {i for i, name in enumerate(names) if name.endswith("Shoulder")}
+    factors = np.array([arms if name.endswith(ARMS) else torso if i in upper else legs for i, name in enumerate(names)], np.float32)
+    skeleton = replace(motion.skeleton, offsets=motion.skeleton.offsets * factors[:, None])
+    offsets = None if motion.offsets is None else motion.offsets * factors[:, None]
+    varied = replace(motion, skeleton=skeleton, root=motion.root * legs, times=motion.times / tempo, offsets=offsets)
+    return resample(varied, frame_times(varied.times[0], varied.times[-1], motion.rate))
+
+
+def roughen(take: Take, stature: float, seed: int) -> Take:
+    """The same performance by somebody who looks around, with controllers that sit askew and hands that are lost now and then."""
+    random = np.random.default_rng(seed)
+    return lose_hands(slip_hands(look_around(take, random), random), stature, random)
+
+
+def slip_hands(take: Take, random: np.random.Generator) -> Take:
+    """A take whose wrists are carried along at a constant place beside the true ones and turned, as by controllers of another kind: the right hand has
+    the mirror image of the left hand's error."""
+    offset, turn = random.normal(scale=SLIP, size=3).astype(np.float32), quat_from_rotvec(random.normal(scale=TILT, size=3).astype(np.float32))
+    positions, rotations = take.positions.copy(), take.rotations.copy()
+    for hand, place, tilt in ((LEFT, offset, turn), (RIGHT, mirror_positions(offset), mirror_rotations(turn))):
+        positions[:, hand] += rotate(take.rotations[:, hand], place)
+        rotations[:, hand] = multiply(take.rotations[:, hand], tilt)
+    return replace(take, positions=positions, rotations=rotations)
 
 
 def look_around(take: Take, random: np.random.Generator) -> Take:

@@ -17,9 +17,10 @@ class TrainConfig:
     """Sizes, losses and schedule, and what the card says of the model.
 
     `matching_weight` is per output number: the loss adds weight / outputs * matching. `blocks` are the residual blocks of the trunk, `code_blocks`
-    those of encoder and decoder. `noise`, `height_error` and `rough` (a share of the samples) are what learn/augment.py does
-    to the trackers. `latent`, `sampled`, `end_to_end` and `decoder_sees_window` make the rivals and ablations that the results compare:
-    "continuous" and "gaussian" (a conditional VAE) take the place of codes; one channel of one class is a plain regressor.
+    those of encoder and decoder. Each clip trains as it is and by `variants` - 1 other bodies; `noise`, `height_error` and `rough` (a share of the
+    samples) are what learn/augment.py does to the trackers. `latent`, `sampled`, `end_to_end` and `decoder_sees_window` make the rivals and
+    ablations that the results compare: "continuous" and "gaussian" (a conditional VAE) take the place of codes; one channel of one class is a plain
+    regressor. `keep` is the share of the weights of the model that training goes on from, if it does, which the trained ones are mixed with.
     """
 
     name: str = "custom"
@@ -45,6 +46,8 @@ class TrainConfig:
     noise: float = 0.01
     height_error: float = 0.04
     rough: float = 0.25
+    variants: int = 1
+    keep: float = 0.5
     seed: int = 1
 
     def as_dict(self) -> dict:

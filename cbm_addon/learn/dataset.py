@@ -21,7 +21,7 @@ from ..motion.rotations import Array, rotate
 from ..motion.skeleton import BODY_JOINTS
 from ..progress import Progress
 from ..takes.synthesize import synthesize
-from .augment import roughen
+from .augment import roughen, vary
 from .split import split_of
 
 MINIMUM_SECONDS = 1.5
@@ -42,12 +42,12 @@ class ClipFrames:
     lower_body: Frames
 
 
-def clip_frames(stem: str, motion: Motion) -> ClipFrames:
-    """Features of a body motion sampled at RATE, in units of the skeleton's own standing head height."""
+def clip_frames(stem: str, motion: Motion, seed: int = 0) -> ClipFrames:
+    """Features of a body motion sampled at RATE, in units of the skeleton's own standing head height; `seed` draws the rough recording."""
     head_height = motion.skeleton.height_above_toes("Head")
     take = synthesize(motion)
     trackers, anchors = tracker_frames(take, head_height)
-    rough = tracker_frames(roughen(take, motion.skeleton.height_above_toes(), zlib.crc32(stem.encode())), head_height)
+    rough = tracker_frames(roughen(take, motion.skeleton.height_above_toes(), seed), head_height)
     return ClipFrames(stem, trackers, anchors, *rough, control_frames(motion, head_height), lower_body_frames(motion, head_height))
 
 
@@ -181,8 +181,9 @@ def join(clips: list[ClipFrames]) -> Dataset:
     )
 
 
-def read_datasets(clips: list[Path], split: dict[str, str], mirrored: bool = True) -> Generator[Progress, None, dict[str, Dataset]]:
-    """Training and validation sets from BVH files (test clips are left alone); training clips also mirrored."""
+def read_datasets(clips: list[Path], split: dict[str, str], mirrored: bool = True, variants: int = 1) -> Generator[Progress, None, dict[str, Dataset]]:
+    """Training and validation sets from BVH files (test clips are left alone); training clips also mirrored, and each in `variants`: as it is, then
+    by other bodies (learn/augment.py)."""
     chosen: dict[str, list[ClipFrames]] = {"train": [], "validation": []}
     for i, path in enumerate(clips):
         yield Progress(i / len(clips), f"reading {path.name}")
@@ -192,9 +193,12 @@ def read_datasets(clips: list[Path], split: dict[str, str], mirrored: bool = Tru
         motion = read_body_motion(path)
         if motion.seconds < MINIMUM_SECONDS or not stands_on_a_floor(motion) or not faces_one_way(motion):
             continue
-        chosen[name].append(clip_frames(path.stem, motion))
-        if mirrored and name == "train":
-            chosen[name].append(clip_frames(path.stem, mirror(motion)))
+        for variant in range(variants if name == "train" else 1):
+            seed = zlib.crc32(f"{path.stem}/{variant}".encode())
+            seen = vary(motion, seed) if variant else motion
+            chosen[name].append(clip_frames(path.stem, seen, seed))
+            if mirrored and name == "train":
+                chosen[name].append(clip_frames(path.stem, mirror(seen), seed + 1))
     if not chosen["train"]:
         raise InputError(clips[0].parent, f"gives no clip to train on; at least one of {MINIMUM_SECONDS} s is needed")
     if not chosen["validation"]:  # a handful of clips: choose on what there is, and say so in the card

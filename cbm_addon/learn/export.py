@@ -129,6 +129,7 @@ def export(trained: list[Networks], folder: Path, facts: dict) -> Path:
                 "channels": n.lower_body.channels,
                 "classes": n.lower_body.classes,
                 "history": n.history,
+                "manners": n.manners.astype(float).round(5).tolist(),
             }
             for n in trained
         },

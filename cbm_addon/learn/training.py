@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Generator
-from dataclasses import dataclass
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,7 @@ from .networks import Blind, CodebookMatching, sample_codes, trunk
 from .rivals import ConditionalVae, ContinuousMatching
 
 Stage2 = CodebookMatching | ConditionalVae | ContinuousMatching
+ENCODER_SHARE = 0.2  # of the steps, in which the encoder of a model that is trained further finds the codes of its decoder
 LOSSES = ("control", "regression", "reconstruction", "matching")
 LAYOUTS = {"window": TRACKERS, "control": CONTROL, "lower_body": LOWER_BODY}
 
@@ -51,6 +52,7 @@ class Networks:
     regression  the lower body without a codebook: it shapes the trunk, and is the yardstick for stage 2
     lower_body  stage 2
     history     of each epoch the mean losses (LOSSES) and what `validate` found
+    manners     float32 [M, 9, 3]: what variations differ by (learn/manner.py)
     """
 
     mode: Mode
@@ -60,6 +62,7 @@ class Networks:
     lower_body: Stage2
     statistics: dict[str, Statistics]
     history: list[dict[str, float]]
+    manners: np.ndarray = field(default_factory=lambda: np.zeros((0, len(LOWER_JOINTS), 3), np.float32))
 
     def modules(self) -> nn.ModuleDict:
         return nn.ModuleDict({"trunk": self.trunk, "control": self.control, "regression": self.regression, "lower_body": self.lower_body})
@@ -168,40 +171,55 @@ def positions(lower: Tensor) -> Tensor:
     return lower.unflatten(-1, (-1, LOWER_BODY.size))[..., : 3 * count].unflatten(-1, (count, 3))
 
 
-def train(data: dict[str, Dataset], config: TrainConfig, folder: Path, resume: bool) -> Generator[Progress, None, list[Networks]]:
-    """Trains every mode of the configuration; a checkpoint in `folder` after each epoch. Same data, configuration and seed: same networks."""
+def train(
+    data: dict[str, Dataset], config: TrainConfig, folder: Path, resume: bool, begin: Callable[[Networks], None] | None = None
+) -> Generator[Progress, None, list[Networks]]:
+    """Trains every mode of the configuration; a checkpoint in `folder` after each epoch. Same data, configuration and seed: same networks.
+
+    begin  gives fresh networks what a trained model knows (learn/start.py)
+    """
     trained = []
     torch.set_flush_denormal(True)
     try:
         for i, name in enumerate(config.modes):
-            job = train_mode(data, MODES[name], config, Path(folder) / f"{name}.checkpoint.npz", resume)
+            job = train_mode(data, MODES[name], config, Path(folder) / f"{name}.checkpoint.npz", resume, begin)
             trained.append((yield from part(job, i / len(config.modes), (i + 1) / len(config.modes))))
     finally:
         torch.set_flush_denormal(False)  # it is the processor's state: whoever calls may need small numbers
     return trained
 
 
-def train_mode(data: dict[str, Dataset], mode: Mode, config: TrainConfig, checkpoint: Path, resume: bool) -> Generator[Progress, None, Networks]:
-    """AdamW with a warm-up and a cosine schedule; bf16 where the processor has it, fp32 weights."""
+def train_mode(
+    data: dict[str, Dataset], mode: Mode, config: TrainConfig, checkpoint: Path, resume: bool, begin: Callable[[Networks], None] | None = None
+) -> Generator[Progress, None, Networks]:
+    """AdamW with a warm-up and a cosine schedule; bf16 where the processor has it, fp32 weights.
+
+    Networks that begin from a trained model first learn what a model does not hold, encoder and regression, the rest held as it is.
+    """
     networks = build(data["train"], mode, config)
+    if begin:
+        begin(networks)
     modules = networks.modules()
-    optimiser = torch.optim.AdamW(modules.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
+    optimiser = torch.optim.AdamW(modules.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True)
     steps = len(data["train"]) // config.batch
     if steps == 0:
         raise InputError("training data", f"holds {len(data['train'])} frames; at least one batch of {config.batch} is needed")
-    networks.history = load_checkpoint(checkpoint, modules, optimiser, config) if resume else []
+    networks.history = load_checkpoint(checkpoint, networks, optimiser, config) if resume else []
     weights = torch.ones(4)
     weights[3] = config.matching_weight
     if config.matching != "paper":
         weights[3] /= len(networks.statistics["lower_body"].mean)
     half = torch.cpu._is_avx512_bf16_supported()
     total, warmup = config.epochs * steps, 200
+    held = [module for module in (networks.trunk, networks.control, networks.lower_body.estimator, networks.lower_body.decoder) if begin]
     for epoch in range(len(networks.history), config.epochs):
         torch.manual_seed(config.seed * 1000 + epoch)
         random = np.random.default_rng([config.seed, epoch])
         losses, started = torch.zeros(4), time.perf_counter()
         for step, frames in enumerate(data["train"].drawn(config.batch, config.seed * 1000 + epoch)):
             now = epoch * steps + step
+            for module in held:
+                module.requires_grad_(now >= ENCODER_SHARE * total)
             rate = config.learning_rate * min(1.0, (now + 1) / warmup) * 0.5 * (1 + math.cos(math.pi * now / total))
             for group in optimiser.param_groups:
                 group["lr"] = rate
@@ -221,26 +239,27 @@ def train_mode(data: dict[str, Dataset], mode: Mode, config: TrainConfig, checkp
                 yield Progress(now / total, f"{mode.name}: epoch {epoch + 1} of {config.epochs}, {speed:.0f} samples/s")
         said = dict(zip(LOSSES, (losses / steps).tolist(), strict=True)) | validate(data["validation"], networks)
         networks.history.append({name: round(value, 4) for name, value in said.items()})
-        save_checkpoint(checkpoint, modules, optimiser, config, networks.history)
+        save_checkpoint(checkpoint, networks, optimiser, config)
         yield Progress((epoch + 1) / config.epochs, f"{mode.name}: epoch {epoch + 1}: " + ", ".join(f"{name} {value:.3g}" for name, value in said.items()))
     modules.eval()
     return networks
 
 
-def save_checkpoint(path: Path, modules: nn.ModuleDict, optimiser: torch.optim.Optimizer, config: TrainConfig, history: list[dict[str, float]]) -> None:
-    """Parameters and AdamW's moments as plain arrays; written beside and renamed, so that a kill leaves the last good one."""
-    arrays = {f"parameter/{key}": value.numpy() for key, value in modules.state_dict().items()}
+def save_checkpoint(path: Path, networks: Networks, optimiser: torch.optim.Optimizer, config: TrainConfig) -> None:
+    """Parameters, statistics and AdamW's moments as plain arrays; written beside and renamed, so that a kill leaves the last good one."""
+    arrays = {f"parameter/{key}": value.numpy() for key, value in networks.modules().state_dict().items()}
+    arrays |= {f"statistics/{name}": torch.stack((found.mean, found.deviation)).numpy() for name, found in networks.statistics.items()}
     for index, parameter in enumerate(optimiser.param_groups[0]["params"]):
         for key, value in optimiser.state.get(parameter, {}).items():
             arrays[f"moment/{index}/{key}"] = value.numpy()
-    arrays["config"] = np.array(json.dumps(config.as_dict() | {"history": history}))
+    arrays["config"] = np.array(json.dumps(config.as_dict() | {"history": networks.history}))
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_suffix(".partial.npz")
     np.savez(temporary, **arrays)
     temporary.replace(path)
 
 
-def load_checkpoint(path: Path, modules: nn.ModuleDict, optimiser: torch.optim.Optimizer, config: TrainConfig) -> list[dict[str, float]]:
+def load_checkpoint(path: Path, networks: Networks, optimiser: torch.optim.Optimizer, config: TrainConfig) -> list[dict[str, float]]:
     """Restores a checkpoint and returns its history, an entry for each epoch; empty if there is none."""
     if not path.exists():
         return []
@@ -249,7 +268,8 @@ def load_checkpoint(path: Path, modules: nn.ModuleDict, optimiser: torch.optim.O
         history = saved.pop("history")
         if saved != json.loads(json.dumps(config.as_dict())):
             raise InputError(path, "was made with another configuration; resume with that one or choose another model folder")
-        modules.load_state_dict({key[10:]: torch.from_numpy(stored[key]) for key in stored.files if key.startswith("parameter/")})
+        networks.statistics = {name: Statistics(*torch.from_numpy(stored[f"statistics/{name}"])) for name in LAYOUTS}
+        networks.modules().load_state_dict({key[10:]: torch.from_numpy(stored[key]) for key in stored.files if key.startswith("parameter/")})
         parameters = optimiser.param_groups[0]["params"]
         for key in stored.files:
             if key.startswith("moment/"):

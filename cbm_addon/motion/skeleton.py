@@ -86,12 +86,12 @@ class Skeleton:
         return Skeleton(names, np.array(parents), offsets.astype(np.float32), self.tips[kept])
 
     def height_above_toes(self, joint: str = "Head") -> float:
-        """Rest height of a joint above the lower of the toe joints (of the feet, where there are no toes), metres.
+        """Rest height of a joint above the lowest of the toe and foot joints, metres.
 
-        Of the head: the size that the engine normalises by.
+        Of the head: the size that the engine normalises by. Some skeletons rest with their toes pulled up above their ankles, and none stands so.
         """
         rest = self.rest_positions()
-        lowest = min(rest[self.index(f"{side}Toe" if f"{side}Toe" in self else f"{side}Foot"), 2] for side in ("Left", "Right"))
+        lowest = min(rest[self.index(name), 2] for side in ("Left", "Right") for name in (f"{side}Toe", f"{side}Foot") if name in self)
         return float(rest[self.index(joint), 2] - lowest)
 
 

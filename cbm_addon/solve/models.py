@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..features import CONTROL, LOWER_BODY, MODES, RATE, TRACKERS, Mode
+from ..features import CONTROL, LOWER_BODY, LOWER_JOINTS, MODES, RATE, TRACKERS, Mode
 from ..motion.rotations import Array
 
 CARD_FORMAT = "cbm-model 1"
@@ -43,12 +43,13 @@ class Estimate:
 
 @dataclass(frozen=True)
 class ModeNetworks:
-    """The two sessions of one mode; every call takes and gives float32 batches."""
+    """The two sessions of one mode; every call takes and gives float32 batches. `manners` [M, 9, 3] are those of solve/manner.py."""
 
     mode: Mode
     channels: int
     classes: int
     sessions: dict[str, Any]
+    manners: Array
 
     def estimate(self, windows: Array) -> Estimate:
         """What tracker windows [N, O, .] say."""
@@ -148,7 +149,13 @@ def load_model(folder: Path | None = None, threads: int = 0) -> Model:
         return onnxruntime.InferenceSession(str(folder / name), options, providers=["CPUExecutionProvider"])
 
     modes = {
-        name: ModeNetworks(MODES[name], entry["channels"], entry["classes"], {part: session(f"{name}.{part}.onnx") for part in PARTS})
+        name: ModeNetworks(
+            MODES[name],
+            entry["channels"],
+            entry["classes"],
+            {part: session(f"{name}.{part}.onnx") for part in PARTS},
+            np.array(entry.get("manners", []), np.float32).reshape(-1, len(LOWER_JOINTS), 3),
+        )
         for name, entry in card["modes"].items()
     }
     return Model(folder, card, modes)

@@ -15,6 +15,7 @@ from ..progress import Progress, part
 from ..takes.take import Take
 from .candidates import agreement, choose_next, choose_path, draw, gumbel_noise, own_cost
 from .idle import settle
+from .manner import draw_manner, with_manner
 from .mirroring import mean, mirror_performance, mirror_take
 from .models import Estimate, Model, ModeNetworks
 from .performance import Performance
@@ -27,7 +28,7 @@ BATCH = 64  # anchors per network call
 @dataclass(frozen=True)
 class SolveOptions:
     """mode "lookahead" (the whole take is known) or "causal" (nothing later than the frame is used); K candidates; variation 0 is the most
-    agreed answer, others are equally valid ones; the same seed gives the same motion."""
+    agreed answer, others have another manner and, every second one, other steps; the same seed gives the same motion."""
 
     mode: str = "lookahead"
     candidates: int = 16
@@ -56,16 +57,24 @@ def sampled(take: Take, times: np.ndarray) -> Take:
 def perform(take: Take, head_height: float, model: Model, options: SolveOptions) -> Generator[Progress, None, Performance]:
     """Stages 1 and 2 on a calibrated take; `head_height` is the standing height of the head joint, metres.
 
-    Half of the candidates answer the take's mirror image, and the performance is the mean of both answers. A variation other than 0 is one
-    answer alone, and so more decided.
+    Half of the candidates answer the take's mirror image, and the performance is the mean of both answers. A variation other than 0 has a manner of
+    its own (manner.py), and every second one steps as one answer alone, which is more decided.
     """
     take = at_rate(take)
-    if options.variation or options.candidates == 1:
-        return settle((yield from _perform(take, head_height, model, options)), take)
-    half = replace(options, candidates=(options.candidates + 1) // 2)
-    seen = yield from part(_perform(take, head_height, model, half), 0, 0.5)
-    mirrored = yield from part(_perform(mirror_take(take), head_height, model, half), 0.5, 1)
-    return settle(mean(seen, mirror_performance(mirrored)), take)
+    if _decided(options.variation) or options.candidates == 1:
+        performance = yield from _perform(take, head_height, model, options)
+    else:
+        half = replace(options, candidates=(options.candidates + 1) // 2)
+        seen = yield from part(_perform(take, head_height, model, half), 0, 0.5)
+        mirrored = yield from part(_perform(mirror_take(take), head_height, model, half), 0.5, 1)
+        performance = mean(seen, mirror_performance(mirrored))
+    manner = draw_manner(model.networks(options.mode).manners, options.seed, options.variation)
+    return settle(with_manner(performance, manner), take)
+
+
+def _decided(variation: int) -> bool:
+    """Whether a variation is one answer rather than the one that most candidates agree on."""
+    return variation > 0 and variation % 2 == 0
 
 
 def _perform(take: Take, head_height: float, model: Model, options: SolveOptions) -> Generator[Progress, None, Performance]:
@@ -90,8 +99,8 @@ class _Sampler:
 
     def __init__(self, networks: ModeNetworks, trackers: Frames, anchors: GroundFrame, options: SolveOptions) -> None:
         self.networks, self.trackers, self.anchors = networks, trackers, anchors
-        self.noise = gumbel_noise(options.candidates, networks.channels, networks.classes, options.seed, options.variation)
-        self.consensus = options.variation == 0
+        self.consensus = not _decided(options.variation)
+        self.noise = gumbel_noise(options.candidates, networks.channels, networks.classes, options.seed, 0 if self.consensus else options.variation)
 
     def estimate(self, frames: np.ndarray) -> Estimate:
         return self.networks.estimate(self.trackers.seen_from(self.anchors[frames], frames[:, None] + np.array(self.networks.mode.window)))

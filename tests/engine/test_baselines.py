@@ -171,7 +171,7 @@ def random_model(channels: int = 4, classes: int = 8) -> Model:
             "estimator": Session(lambda window, control=control: window @ control, lambda window, logits=logits: window @ logits, lambda window: window),
             "decoder": Session(lambda codes, features, lower_body=lower_body: codes @ lower_body),
         }
-        modes[mode.name] = ModeNetworks(mode, channels, classes, sessions)
+        modes[mode.name] = ModeNetworks(mode, channels, classes, sessions, np.zeros((0, 9, 3), np.float32))
     return Model(Path("random"), {"name": "random"}, modes)
 
 

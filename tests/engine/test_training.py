@@ -12,14 +12,17 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from cbm_addon.errors import InputError  # noqa: E402
-from cbm_addon.features import MODES, RATE  # noqa: E402
+from cbm_addon.features import LOWER_JOINTS, MODES, RATE, tracker_frames  # noqa: E402
 from cbm_addon.learn.config import TrainConfig, read_config  # noqa: E402
 from cbm_addon.learn.dataset import Dataset, clip_frames, faces_one_way, join, read_body_motion, stands_on_a_floor  # noqa: E402
 from cbm_addon.learn.export import export  # noqa: E402
+from cbm_addon.learn.job import train_model  # noqa: E402
+from cbm_addon.learn.manner import manners  # noqa: E402
 from cbm_addon.learn.networks import CodebookMatching, matching_loss, sample_codes  # noqa: E402
 from cbm_addon.learn.rivals import ConditionalVae  # noqa: E402
 from cbm_addon.learn.split import CORE_SPLIT, read_split, split_of  # noqa: E402
-from cbm_addon.learn.training import train_mode  # noqa: E402
+from cbm_addon.learn.start import start_from  # noqa: E402
+from cbm_addon.learn.training import build, train_mode  # noqa: E402
 from cbm_addon.motion.bvh import write_bvh  # noqa: E402
 from cbm_addon.motion.mirror import mirror  # noqa: E402
 from cbm_addon.motion.motion import Motion  # noqa: E402
@@ -27,8 +30,9 @@ from cbm_addon.motion.resample import frame_times, resample  # noqa: E402
 from cbm_addon.motion.rotations import multiply  # noqa: E402
 from cbm_addon.motion.skeleton import Skeleton  # noqa: E402
 from cbm_addon.progress import run  # noqa: E402
-from cbm_addon.solve.models import load_model  # noqa: E402
+from cbm_addon.solve.models import Model, load_model  # noqa: E402
 from cbm_addon.takes.sample_motion import sample_motion  # noqa: E402
+from cbm_addon.takes.synthesize import synthesize  # noqa: E402
 
 CONFIG = TrainConfig(name="test", channels=4, classes=4, hidden=16, blocks=1, code_blocks=1, epochs=2, batch=64, modes=("lookahead",))
 MODE = MODES["lookahead"]
@@ -77,6 +81,53 @@ def test_the_exported_networks_compute_what_the_trained_ones_do(data: dict[str, 
     found = {"control": estimate.control, "logits": estimate.logits, "lower body": loaded.decode(codes, estimate.features)}
     for name, values in expected.items():  # fp16 and 8-bit weights: a hundredth of the values' size
         np.testing.assert_allclose(found[name].reshape(10, -1), values.numpy().reshape(10, -1), atol=5e-3, err_msg=name)
+
+
+def test_training_goes_on_from_what_a_model_holds(data: dict[str, Dataset], tmp_path: Path) -> None:
+    trained = run(train_mode(data, MODE, CONFIG, tmp_path / "checkpoint.npz", False))
+    facts = {"name": "test", "version": "0", "licence": "none", "training": {"clips": {"train": 1}}}
+    export([trained], tmp_path / "model", facts)
+    fresh = build(data["train"], MODE, replace(CONFIG, seed=2))
+    start_from(tmp_path / "model", fresh)
+    fresh.history = trained.history
+    export([fresh], tmp_path / "again", facts)
+    first, again = (load_model(tmp_path / name).networks("lookahead") for name in ("model", "again"))
+    windows = data["validation"].batch(np.arange(0, 100, 10), MODE)[0]
+    for a, b in zip(vars(first.estimate(windows)).values(), vars(again.estimate(windows)).values(), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-3)  # what was stored in 8 bits is stored in the same 8 bits again
+    with pytest.raises(InputError, match="other sizes"):
+        start_from(tmp_path / "model", build(data["train"], MODE, replace(CONFIG, hidden=24)))
+
+
+def test_training_on_gives_a_mean_of_before_and_after_and_keeps_other_modes(small_model_folder: Path, tmp_path: Path, body_motion: Motion) -> None:
+    write_bvh(tmp_path / "own.bvh", body_motion)
+    before = load_model(small_model_folder)
+    for keep in (0.0, 0.5, 1.0):
+        config = TrainConfig(name="mine", modes=("lookahead",), channels=4, classes=4, hidden=32, epochs=1, batch=32, keep=keep)
+        run(train_model([tmp_path / "own.bvh"], tmp_path / f"kept {keep}", config, False, False, small_model_folder))
+    models = {keep: load_model(tmp_path / f"kept {keep}") for keep in (0.0, 0.5, 1.0)}
+    take, anchors = tracker_frames(synthesize(body_motion), 1.6)
+
+    def answer(model: Model, mode: str) -> np.ndarray:
+        return model.networks(mode).estimate(take.seen_from(anchors[np.arange(5)], np.arange(5)[:, None] + np.array(MODES[mode].window))).control
+
+    np.testing.assert_allclose(answer(models[1.0], "lookahead"), answer(before, "lookahead"), atol=1e-2)
+    gone = {keep: np.abs(answer(model, "lookahead") - answer(before, "lookahead")).mean() for keep, model in models.items()}
+    assert gone[1.0] < gone[0.5] < gone[0.0]
+    np.testing.assert_allclose(answer(models[0.5], "causal"), answer(before, "causal"), atol=1e-2)
+
+
+def test_manners_are_what_whole_clips_are_off_by(data: dict[str, Dataset], body_motion: Motion, tmp_path: Path) -> None:
+    networks = run(train_mode(data, MODE, CONFIG, tmp_path / "checkpoint.npz", False))
+    truth = data["validation"].lower_body
+    bent = truth.vectors.copy()
+    bent[:, LOWER_JOINTS.index("Hips"), 2] -= 0.5
+    other = replace(data["validation"], lower_body=replace(truth, vectors=bent))
+    found = manners(other, networks)
+    assert found.shape[1:] == (len(LOWER_JOINTS), 3)
+    lengths = np.linalg.norm(found.reshape(len(found), -1), axis=-1)
+    assert (np.diff(lengths) <= 0).all()
+    assert abs(found[0, LOWER_JOINTS.index("Hips"), 2]) == pytest.approx(0.5, abs=0.15)
 
 
 def test_windows_never_cross_into_another_clip(body_motion: Motion) -> None:
