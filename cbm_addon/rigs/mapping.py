@@ -8,7 +8,7 @@ from ..errors import InputError
 from ..features import LOWER_JOINTS
 from ..motion.skeleton import BODY_JOINTS
 from .match import Match
-from .rig import FINGER_JOINTS, SIDES, Bones, Control, Mapping
+from .rig import FINGER_JOINTS, SIDES, Bones, Control, Mapping, Pole
 from .tables import Names, Table
 
 
@@ -25,14 +25,14 @@ def mapping_of(bones: Bones, match: Match) -> Mapping:
     if table.controls:
         fingers = {joint: match.joints[joint] for joint in FINGER_JOINTS if joint in match.joints}
         own = replace(table, joints=_single(joints | fingers), root=(match.root,) if match.root else ())
-        return Mapping(own, joints, fingers, above, _table_controls(bones, table), settings, match.root)
+        return Mapping(own, joints, fingers, above, _table_controls(bones, table), settings, _poles(bones, table), match.root)
     fingers = _fingers(bones, match.joints)
     twists = _below(bones, match.twists, joints)
     also = _below(bones, match.also, {joint: joints[parent] for joint, parent in above.items() if parent})
     top = bones.ancestors(joints["Hips"])
     root = match.root if match.root in top else top[-1] if top else None
     own = replace(table, joints=_single(joints | fingers), twists=twists, also=also, root=(root,) if root else ())
-    return Mapping(own, joints, fingers, above, _plain_controls(bones, joints | fingers, twists, also), settings, root)
+    return Mapping(own, joints, fingers, above, _plain_controls(bones, joints | fingers, twists, also), settings, root=root)
 
 
 def _single(bones: dict[str, str]) -> dict[str, Names]:
@@ -124,8 +124,15 @@ def _plain_controls(bones: Bones, joints: dict[str, str], twists: dict[str, Name
 
 
 def _table_controls(bones: Bones, table: Table) -> tuple[Control, ...]:
-    named = (*(control.bone for control in table.controls if control.joint in BODY_JOINTS), *(setting.bone for setting in table.settings))
+    needed = (control.bone for control in table.controls if control.joint in BODY_JOINTS and control.limbs != "ik")
+    named = (*needed, *(setting.bone for setting in table.settings if setting.limbs != "ik"))
     missing = [bone for bone in named if bone not in bones.bones]
     if missing:
         raise InputError(bones.name, f"looks like {table.title} but lacks its controls {', '.join(missing)}; generate it again from the human metarig")
     return tuple(control for control in table.controls if control.bone in bones.bones)
+
+
+def _poles(bones: Bones, table: Table) -> tuple[Pole, ...]:
+    """The table's poles, if the armature has them and all controls of its inverse kinematics."""
+    needed = (*(pole.bone for pole in table.poles), *(item.bone for item in (*table.controls, *table.settings) if item.limbs == "ik"))
+    return table.poles if all(bone in bones.bones for bone in needed) else ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,9 +38,10 @@ class BonePose:
     location: Array | None
 
 
-def bone_poses(rig: Rig, rig_body: RigBody, motion: Motion) -> Iterator[BonePose]:
+def bone_poses(rig: Rig, rig_body: RigBody, motion: Motion, ways: Collection[str] = ("fk",)) -> Iterator[BonePose]:
     """The poses of the rig's controls that put its bones where `motion` (on rig_body.body, world units) has its joints.
 
+    ways  the kinematics of the limbs, "fk" or "ik", whose controls get poses, of a rig that has both
     Controls of joints that the motion does not have get no pose. Bones that are not controls are taken to be at rest relative to their
     parents.
     """
@@ -63,6 +64,8 @@ def bone_poses(rig: Rig, rig_body: RigBody, motion: Motion) -> Iterator[BonePose
         turn_of[control.bone], roll_of[control.bone] = turn, control.roll
         if control.carrier in turn_of:
             turn = multiply(inverse(turn_of[control.carrier]), turn)
+        if control.limbs not in ("", *ways):
+            continue
         head = None
         if control.anchor is not None:
             beside = rig.head(control.bone) - rig.head(rig.mapping.joints[control.anchor])

@@ -27,6 +27,7 @@ class Control:
     anchor   the body joint beside which the bone stays, for a bone that is also moved; None for one that only turns
     lower    it is needed to place hips and legs
     roll     share of the hand's roll that a twist bone of the forearm takes on top of the forearm's rotation
+    limbs    "fk" or "ik" of a control of those kinematics of a limb
     """
 
     bone: str
@@ -35,16 +36,27 @@ class Control:
     anchor: str | None
     lower: bool
     roll: float = 0.0
+    limbs: str = ""
+
+
+@dataclass(frozen=True)
+class Pole:
+    """A bone toward which the rig's own inverse kinematics bend a limb; `joint` is where that bends, its knee or elbow."""
+
+    bone: str
+    joint: str
+    lower: bool
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A custom property of a bone that the controls rely on, and the value that it must have."""
+    """A property of a bone, custom or its own, that the controls (with `limbs`: those of "fk" or "ik") rely on, and the value that it must have."""
 
     bone: str
     name: str
     value: float
     lower: bool
+    limbs: str = ""
 
 
 @dataclass(frozen=True)
@@ -57,6 +69,7 @@ class Mapping:
     parents   body joint -> the joint above it on this rig; None for the hips
     controls  the bones that are keyed, parents first
     settings  custom properties that are keyed with them
+    poles     what limbs bend toward if the rig's own inverse kinematics move them; none if those are not known
     root      the bone above all of them that may carry the way over the ground; None if the hips have nothing above them
     """
 
@@ -66,6 +79,7 @@ class Mapping:
     parents: dict[str, str | None]
     controls: tuple[Control, ...]
     settings: tuple[Setting, ...] = ()
+    poles: tuple[Pole, ...] = ()
     root: str | None = None
 
     @property

@@ -9,7 +9,7 @@
     }
 
 `joints` are named as in motion/skeleton.py and FINGER_JOINTS of rigs/rig.py; all but `joints` may be left out. A rig whose mechanism hides
-which bones carry which has `parents`, `controls` and `settings` as well: the fields of Mapping, Control and Setting.
+which bones carry which has `parents`, `controls`, `settings` and `poles` as well: the fields of Mapping, Control, Setting and Pole.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import Any
 from ..errors import InputError
 from ..motion.skeleton import BODY_JOINTS
 from ..outputs import replacing
-from .rig import FINGER_JOINTS, SIDES, Control, Mapping, Setting
+from .rig import FINGER_JOINTS, SIDES, Control, Mapping, Pole, Setting
 
 TABLES = Path(__file__).parent / "tables"
 JOINTS = (*BODY_JOINTS, *FINGER_JOINTS)
@@ -47,6 +47,7 @@ class Table:
     parents: dict[str, str] | None = None
     controls: tuple[Control, ...] = ()
     settings: tuple[Setting, ...] = ()
+    poles: tuple[Pole, ...] = ()
 
 
 @cache
@@ -81,9 +82,10 @@ def load_table(path: Path) -> Table:
             parents=content.get("parents"),
             controls=tuple(Control(**control) for control in content.get("controls", ())),
             settings=tuple(Setting(**setting) for setting in content.get("settings", ())),
+            poles=tuple(Pole(**pole) for pole in content.get("poles", ())),
         )
     except TypeError as error:
-        raise InputError(path, f"has a control or setting that is not complete ({error})") from None
+        raise InputError(path, f"has a control, setting or pole that is not complete ({error})") from None
 
 
 def save_map(path: Path, mapping: Mapping, overwrite: bool = False) -> None:
@@ -100,8 +102,9 @@ def save_map(path: Path, mapping: Mapping, overwrite: bool = False) -> None:
         content["root"] = _short(table.root)
     if table.controls:
         content |= {"parents": table.parents, "controls": [asdict(item) for item in table.controls]}
-    if table.settings:
-        content["settings"] = [asdict(item) for item in table.settings]
+    for key, items in (("settings", table.settings), ("poles", table.poles)):
+        if items:
+            content[key] = [asdict(item) for item in items]
     with replacing(path, overwrite) as temporary:
         temporary.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 

@@ -29,6 +29,11 @@ def pose_path(bone: str, attribute: str) -> str:
     return f'pose.bones["{bpy.utils.escape_identifier(bone)}"].{attribute}'
 
 
+def setting_path(bone: bpy.types.PoseBone, name: str) -> str:
+    """RNA path of a pose bone's custom property, or of its own property of that name."""
+    return f'{pose_path(bone.name, "")[:-1]}["{bpy.utils.escape_identifier(name)}"]' if name in bone else pose_path(bone.name, name)
+
+
 def location_channel(bone: bpy.types.PoseBone, locations: Array) -> Channel:
     """Locations [T, 3] in the bone's own space."""
     return Channel(pose_path(bone.name, "location"), locations, bone.name)

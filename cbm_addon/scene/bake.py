@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Literal
 
 import bpy
@@ -17,6 +18,7 @@ from ..motion.resample import frame_times
 from ..motion.rotations import Array
 from ..progress import Progress, part
 from ..rigs.body import RigBody, rig_body
+from ..rigs.limbs import Limbs, hinged, limb_settings, pole_poses, require_limbs, ways
 from ..rigs.pose import BonePose, bone_poses
 from ..rigs.rig import Rig
 from ..rigs.tables import Table
@@ -27,7 +29,18 @@ from ..solve.perform import SolveOptions, perform, sampled
 from ..takes.calibrate import Calibrated
 from ..takes.synthesize import TRACKED_JOINTS
 from ..takes.take import DEVICES
-from .action import Channel, location_channel, object_channels, pose_path, require_free, rotation_channel, scene_frames, scene_rate, write_action
+from .action import (
+    Channel,
+    location_channel,
+    object_channels,
+    pose_path,
+    require_free,
+    rotation_channel,
+    scene_frames,
+    scene_rate,
+    setting_path,
+    write_action,
+)
 from .rig import read_rig, require_editable
 
 MEASURED_FRAMES = 120  # on how many frames the evaluated rig is compared with the trackers
@@ -42,12 +55,14 @@ class BakeOptions:
     part   "full", or "lower": hips and legs are keyed, the animation of the rest stays what it is
     root   what carries the way over the ground: the hips, a bone above them, the armature's object, or nothing ("in-place")
     table  the user's map of the rig's bones; None recognises them
+    limbs  which kinematics of the limbs are keyed, of a rig that has both: "fk", "ik", or "both", which agree
     """
 
     part: Literal["full", "lower"] = "full"
     solve: SolveOptions = field(default_factory=SolveOptions)
     root: Root = "hips"
     table: Table | None = None
+    limbs: Limbs = "fk"
 
 
 @dataclass(frozen=True)
@@ -95,13 +110,15 @@ def bake(
         raise InputError(options.root, "cannot carry the way of the lower body alone, since the upper body would follow; keep it on the hips")
     rig = read_rig(armature, options.table)
     require_carrier(armature, rig, options.root)
+    require_limbs(rig, options.limbs)
     solved = rig_body(rig)
     scale = take_scale(solved, calibrated)
     motion = yield from part(solve_on_rig(solved, calibrated, model, options.solve, scene_rate(scene)), 0, 0.95)
     yield Progress(0.95, "writing keys")
     frames = scene_frames(scene, motion.times, scene.frame_start)
     name = f"{calibrated.take.name}_variation{options.solve.variation}"
-    action = _write(armature, name, frames, list(rig_channels(armature, rig, solved, motion, options.part, options.root)), options.part)
+    channels = list(rig_channels(armature, rig, solved, motion, options.part, options.root, options.limbs))
+    action = _write(armature, name, frames, channels, options.part)
     measured, errors = np.empty(0), {}
     if options.part == "full" and options.root != "in-place":
         measured = np.unique(np.linspace(0, len(frames) - 1, MEASURED_FRAMES).round().astype(int))
@@ -137,7 +154,9 @@ def require_carrier(armature: bpy.types.Object, rig: Rig, root: Root) -> None:
         require_free(armature)
 
 
-def rig_channels(armature: bpy.types.Object, rig: Rig, solved: RigBody, motion: Motion, part: str = "full", root: Root = "hips") -> Iterator[Channel]:
+def rig_channels(
+    armature: bpy.types.Object, rig: Rig, solved: RigBody, motion: Motion, part: str = "full", root: Root = "hips", limbs: Limbs = "fk"
+) -> Iterator[Channel]:
     """The curves that make the rig do a motion of its own body, and the switches that they rely on."""
     if root != "hips":
         way = way_over_ground(rig, solved, motion, root)
@@ -146,13 +165,15 @@ def rig_channels(armature: bpy.types.Object, rig: Rig, solved: RigBody, motion: 
             yield from _bone_channels(armature, root_pose(rig, way))
         elif root == "object":
             yield from object_channels(armature, object_matrices(rig, way))
-    for pose in bone_poses(rig, solved, motion):
+    if limbs != "fk":
+        motion = hinged(rig, solved, motion)
+    for pose in chain(bone_poses(rig, solved, motion, ways(limbs)), pole_poses(rig, solved, motion) if limbs != "fk" else ()):
         if part == "full" or pose.lower:
             yield from _bone_channels(armature, pose)
-    for setting in rig.mapping.settings:
-        if (part == "full" or setting.lower) and setting.name in armature.pose.bones[setting.bone]:
-            bone, name = (bpy.utils.escape_identifier(text) for text in (setting.bone, setting.name))
-            yield Channel(f'pose.bones["{bone}"]["{name}"]', np.full((len(motion), 1), setting.value), setting.bone)
+    for setting in limb_settings(rig, limbs):
+        bone = armature.pose.bones[setting.bone]
+        if (part == "full" or setting.lower) and (setting.name in bone or hasattr(bone, setting.name)):
+            yield Channel(setting_path(bone, setting.name), np.full((len(motion), 1), setting.value), setting.bone)
 
 
 def _bone_channels(armature: bpy.types.Object, pose: BonePose) -> Iterator[Channel]:
