@@ -23,7 +23,7 @@ from .rig import Pole, Rig, Setting
 Limbs = Literal["fk", "ik", "both"]
 LIMBS: tuple[Limbs, ...] = ("fk", "ik", "both")
 BELOW = {"ForeArm": "Hand", "Leg": "Foot"}  # the joint that a limb ends with, by the joint at which it bends
-STRAIGHT = 0.002  # sine of the bend below which the roll that was solved says more of the limb's plane than the bend does
+STRAIGHT = 0.005  # sine of a bend that is too small to say in which plane a limb lies: its roll says so then. The elbow is within 1 mm of the line
 
 
 def ways(limbs: Limbs) -> tuple[str, ...]:
@@ -51,7 +51,8 @@ def hinged(rig: Rig, solved: RigBody, motion: Motion) -> Motion:
         rests = [_hinge_at_rest(rig, solved, joint, below) for joint, below in ((upper, middle), (middle, end))]
         ways = [normalize(positions[:, below] - positions[:, joint]) for joint, below in ((upper, middle), (middle, end))]
         rolled = matrix_from_quat(multiply(multiply(world[:, upper], solved.alignment[upper]), rests[0]))[..., 0]
-        bend = np.cross(*ways) + STRAIGHT * rolled
+        bend = np.cross(*ways)
+        bend += np.maximum(0, STRAIGHT - np.linalg.norm(bend, axis=-1, keepdims=True)) * rolled
         for joint, rest, along in zip((upper, middle), rests, ways, strict=True):
             axis = normalize(bend - np.sum(bend * along, axis=-1, keepdims=True) * along)
             frame = quat_from_matrix(np.stack((axis, along, np.cross(axis, along)), axis=-1))
