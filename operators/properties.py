@@ -131,7 +131,10 @@ class CBM_PG_settings(bpy.types.PropertyGroup, CalibrationProperties, RigPropert
     seed: bpy.props.IntProperty(name="Seed", description="The same seed gives the same motion", min=0)
     part: bpy.props.EnumProperty(
         name="Part",
-        items=[("full", "Full Body", "Key the whole body"), ("lower", "Hips and Legs", "Key hips and legs only; the animation of the upper body stays")],
+        items=[
+            ("full", "Full Body", "Key the whole body"),
+            ("lower", "Hips and Legs", "Hips and legs follow the take; head and wrists stay where the rig's animation has them"),
+        ],
     )
 
     def solve_options(self) -> SolveOptions:

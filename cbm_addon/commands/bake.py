@@ -35,7 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--map", type=Path, metavar="MAP.json", help="which bones play which joints, as `cbm rigs --save-map` writes it (default: recognised)")
     parser.add_argument("--root", choices=ROOTS, default="hips", help="what carries the way over the ground (default hips); in-place: nothing")
     parser.add_argument("--limbs", choices=LIMBS, default="fk", help="on a generated Rigify rig: key the FK or the IK controls of arms and legs, or both")
-    parser.add_argument("--part", choices=("full", "lower"), default="full", help="lower: key hips and legs only, keep the animation of the rest")
+    parser.add_argument(
+        "--part", choices=("full", "lower"), default="full", help="lower: hips and legs follow the take, head and wrists stay where an animation has them"
+    )
     parser.add_argument("--variations", type=int, default=1, metavar="N", help="bake N variations of every take, from --variation on (default 1)")
     parser.add_argument("--preview", type=Path, action="append", default=[], metavar="OUT.mp4|OUT.png", help="render the first bake; may be repeated")
     add_solve_arguments(parser)
@@ -84,7 +86,7 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
         blend_file.save_blend(blend)
     seconds = time.perf_counter() - started
     for made in bakes:
-        console.say(_summary(made))
+        console.say(_summary(made, args.part))
     made = ", ".join(str(path) for path in (args.output, *args.preview))
     console.say(f"{made}: made in {seconds:.1f} s; open with `blender {args.output}`")
     return {
@@ -117,11 +119,12 @@ def _wanted(paths: list[Path], recordings: list[Calibrated], options: SolveOptio
             yield path, calibrated, replace(options, variation=variation)
 
 
-def _summary(made: dict[str, Any]) -> str:
+def _summary(made: dict[str, Any], part: str) -> str:
     line = f"{made['action']}: {made['frames']} frames at {made['fps']:g} fps baked in {made['seconds']:.1f} s"
     errors = made["tracker_errors"].values()
     if errors:
         median = max(error["median_cm"] for error in errors)
         share = min(error["share_within_1_cm"] for error in errors)
-        line += f"; head and wrists within 1 cm of the trackers in {share:.1%} of measured frames or more (median {median:.2f} cm)"
+        where = "the trackers" if part == "full" else "where the animation has them"
+        line += f"; head and wrists within 1 cm of {where} in {share:.1%} of measured frames or more (median {median:.2f} cm)"
     return line
