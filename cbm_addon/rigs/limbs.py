@@ -18,11 +18,10 @@ from ..motion.motion import Motion, local_rotations
 from ..motion.rotations import IDENTITY, Array, continuous, inverse, matrix_from_quat, multiply, normalize, quat_from_matrix, rotate
 from .body import RigBody
 from .pose import BonePose, placed
-from .rig import Pole, Rig, Setting
+from .rig import Pole, Rig, Setting, next_in_limb
 
 Limbs = Literal["fk", "ik", "both"]
 LIMBS: tuple[Limbs, ...] = ("fk", "ik", "both")
-BELOW = {"ForeArm": "Hand", "Leg": "Foot"}  # the joint that a limb ends with, by the joint at which it bends
 STRAIGHT = 0.005  # sine of a bend that is too small to say in which plane a limb lies: its roll says so then. The elbow is within 1 mm of the line
 
 
@@ -76,10 +75,8 @@ def pole_poses(rig: Rig, solved: RigBody, motion: Motion) -> Iterator[BonePose]:
 
 def _limb(rig: Rig, solved: RigBody, pole: Pole) -> tuple[int, int, int]:
     """The joints of a limb: where it begins, where it bends, where it ends."""
-    middle = pole.joint
-    side = next(side for side in ("Left", "Right") if middle.startswith(side))
-    joints = rig.mapping.parents[middle], middle, side + BELOW[middle.removeprefix(side)]
-    return tuple(solved.body.names.index(str(joint)) for joint in joints)
+    upper, middle, end = (solved.body.index(str(joint)) for joint in (rig.mapping.parents[pole.joint], pole.joint, next_in_limb(pole.joint)))
+    return upper, middle, end
 
 
 def _hinge_at_rest(rig: Rig, solved: RigBody, joint: int, below: int) -> Array:

@@ -3,7 +3,7 @@
     {
       "kind": "short name", "title": "name to show", "source": "where the names come from", "note": "what to be careful of",
       "joints": {"Hips": "pelvis", "LeftToe": ["toe_l", "ball_l"], …},   the bone of each joint; of several names the first that is there
-      "twists": {"LeftForeArm": ["lowerarm_twist_02_l", …]},             bones that share the roll of the hand, from the elbow to the wrist
+      "twists": {"LeftForeArm": ["lowerarm_twist_02_l", …]},             bones over which a limb spreads a roll, from its upper to its lower end
       "also": {"LeftToe": ["toe2-1.L", …]},                              further bones that turn as a joint's own bone does
       "root": "root"                                                     the bone that carries the way over the ground
     }
@@ -27,7 +27,7 @@ from .rig import FINGER_JOINTS, SIDES, Control, Mapping, Pole, Setting
 
 TABLES = Path(__file__).parent / "tables"
 JOINTS = (*BODY_JOINTS, *FINGER_JOINTS)
-TWISTED = tuple(f"{side}ForeArm" for side in SIDES)
+TWISTED = tuple(f"{side}{name}" for side in SIDES for name in ("Arm", "ForeArm", "UpLeg", "Leg"))
 
 Names = tuple[str, ...]
 

@@ -59,8 +59,6 @@ def fusing(performance: Performance, take: Take, times: np.ndarray, body: Skelet
     yield Progress(0.3, "meeting the headset")
     hips = _meet_head(body, world, hips, *targets["head"])
     hips = yield from part(_follow_hands(body, world, hips, targets), 0.4, 0.8)
-    for _ in range(3):
-        hips = _meet_head(body, world, _reachable_hips(body, world, hips, targets["head"][0], ankles), *targets["head"])
     world = normalize(world)  # after hundreds of small turns
     yield Progress(0.8, "meeting the controllers")
     for side in ("Left", "Right"):
