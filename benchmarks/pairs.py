@@ -85,10 +85,8 @@ def show(sources: list[Source], seconds: float, everything: bool) -> int:
             made = baked(case.add(), *performed[source.name], limbs=limbs)
         failures += made.exact > (FK if limbs == "fk" else IK)
         report = calibrated.take.report
-        print(
-            f"{source.name:<26}{report.format if report else 'the shipped sample':<26}{case.name + (', IK' if limbs == 'ik' else ''):<36}{row(made)}",
-            flush=True,
-        )
+        rig = case.name + (", IK" if limbs == "ik" else "")
+        print(f"{source.name:<26}{report.format if report else '-':<26}{rig:<36}{row(made)}", flush=True)
     return failures
 
 
