@@ -103,6 +103,19 @@ def test_seconds_stay_seconds_at_the_rate_of_the_scene(metarig, model, calibrate
     assert (action.frame_range[1] - 101) / report.fps == pytest.approx(calibrated.take.seconds, abs=1 / report.fps)
 
 
+def test_a_take_of_90_hz_in_a_scene_of_24_fps_goes_on_beyond_the_scenes_end(metarig, model):
+    """Ends are the take's and not the scene's; between its samples the take is where it would have been."""
+    take = sampled(sample_take(), np.arange(0, 11, 1 / 90))
+    scene = bpy.context.scene
+    scene.render.fps, scene.frame_start, scene.frame_end = 24, 1, 250
+    report = bake_on(metarig, calibrate(take), model)
+    assert (scene.frame_start, scene.frame_end, scene.render.fps) == (1, 250, 24)
+    assert bpy.data.actions[report.action].frame_range[1] == 1 + 24 * 11 - 1
+    frames = np.array([2, 100, 251, 263])
+    trackers = sampled(calibrate(take).take, (frames - 1) / 24).positions[:, 0] * report.scale
+    np.testing.assert_allclose(heads_at(metarig, frames, ("spine.006",))[:, 0], trackers, atol=1e-3)
+
+
 def test_only_an_action_is_added(human, model, calibrated):
     human.pose.bones["jaw_master"].location = (0, 0.01, 0)
     scene = bpy.context.scene
