@@ -68,7 +68,7 @@ def map_of_bones(**more):
 
 
 class RigProperties:
-    """Which bones play which joints, and what carries the way over the ground."""
+    """Which bones play which joints, what carries the way over the ground, and how limbs are keyed."""
 
     map: map_of_bones()
     root: bpy.props.EnumProperty(
@@ -79,6 +79,15 @@ class RigProperties:
             ("bone", "Root Bone", "The topmost bone above the hips carries them"),
             ("object", "Object", "The armature's object moves"),
             ("in-place", "In Place", "Nothing: the body stays over its spot"),
+        ],
+    )
+    limbs: bpy.props.EnumProperty(
+        name="Limbs",
+        description="Which controls of arms and legs are keyed, on a generated Rigify rig",
+        items=[
+            ("fk", "FK", "Forward kinematics"),
+            ("ik", "IK", "Inverse kinematics: hands, feet and poles"),
+            ("both", "FK and IK", "Both, in agreement, switched to inverse kinematics"),
         ],
     )
 
@@ -122,7 +131,10 @@ class CBM_PG_settings(bpy.types.PropertyGroup, CalibrationProperties, RigPropert
     seed: bpy.props.IntProperty(name="Seed", description="The same seed gives the same motion", min=0)
     part: bpy.props.EnumProperty(
         name="Part",
-        items=[("full", "Full Body", "Key the whole body"), ("lower", "Hips and Legs", "Key hips and legs only; the animation of the upper body stays")],
+        items=[
+            ("full", "Full Body", "Key the whole body"),
+            ("lower", "Hips and Legs", "Hips and legs follow the take; head and wrists stay where the rig's animation has them"),
+        ],
     )
 
     def solve_options(self) -> SolveOptions:

@@ -68,7 +68,7 @@ class CBM_PT_sidebar(bpy.types.Panel):
     def _bake(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
         box.label(text="4. Bake", icon="ACTION")
         column = box.column(align=True)
-        for name in ("part", "root", "mode", "variation", "candidates", "seed"):
+        for name in ("part", "root", "limbs", "mode", "variation", "candidates", "seed"):
             column.prop(settings, name)
         row = box.row()
         row.scale_y = 1.5

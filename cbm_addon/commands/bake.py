@@ -23,6 +23,7 @@ PRESETS = ("rigify", "rigify-metarig")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    from ..rigs.limbs import LIMBS
     from ..rigs.travel import ROOTS
 
     parser.add_argument("takes", type=Path, nargs="+", metavar="TAKE", help="three-point recordings; each becomes an action")
@@ -33,7 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.blend", help="the blend file to write")
     parser.add_argument("--map", type=Path, metavar="MAP.json", help="which bones play which joints, as `cbm rigs --save-map` writes it (default: recognised)")
     parser.add_argument("--root", choices=ROOTS, default="hips", help="what carries the way over the ground (default hips); in-place: nothing")
-    parser.add_argument("--part", choices=("full", "lower"), default="full", help="lower: key hips and legs only, keep the animation of the rest")
+    parser.add_argument("--limbs", choices=LIMBS, default="fk", help="on a generated Rigify rig: key the FK or the IK controls of arms and legs, or both")
+    parser.add_argument(
+        "--part", choices=("full", "lower"), default="full", help="lower: hips and legs follow the take, head and wrists stay where an animation has them"
+    )
     parser.add_argument("--variations", type=int, default=1, metavar="N", help="bake N variations of every take, from --variation on (default 1)")
     parser.add_argument("--preview", type=Path, action="append", default=[], metavar="OUT.mp4|OUT.png", help="render the first bake; may be repeated")
     add_solve_arguments(parser)
@@ -68,7 +72,7 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
         wanted = list(_wanted(args.takes, recordings, options, args.variations))
         bakes: list[dict[str, Any]] = []
         for path, calibrated, solve in reversed(wanted):  # so that the first is the one that the armature is left with
-            job = bake(target.context, target.armature, calibrated, model, BakeOptions(args.part, solve, args.root, table))
+            job = bake(target.context, target.armature, calibrated, model, BakeOptions(args.part, solve, args.root, table, args.limbs))
             report = console.run(job)
             bakes.insert(0, {"take": path, "variation": solve.variation, **asdict(report), "calibration": calibrated.calibration.as_dict()})
         if not meshes_of(target.armature):
@@ -82,7 +86,7 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
         blend_file.save_blend(blend)
     seconds = time.perf_counter() - started
     for made in bakes:
-        console.say(_summary(made))
+        console.say(_summary(made, args.part))
     made = ", ".join(str(path) for path in (args.output, *args.preview))
     console.say(f"{made}: made in {seconds:.1f} s; open with `blender {args.output}`")
     return {
@@ -90,6 +94,7 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
         "previews": args.preview,
         "rig": target.armature.name,
         "part": args.part,
+        "limbs": args.limbs,
         "model": model.name,
         "mode": options.mode,
         "bakes": bakes,
@@ -114,11 +119,14 @@ def _wanted(paths: list[Path], recordings: list[Calibrated], options: SolveOptio
             yield path, calibrated, replace(options, variation=variation)
 
 
-def _summary(made: dict[str, Any]) -> str:
+def _summary(made: dict[str, Any], part: str) -> str:
     line = f"{made['action']}: {made['frames']} frames at {made['fps']:g} fps baked in {made['seconds']:.1f} s"
     errors = made["tracker_errors"].values()
     if errors:
         median = max(error["median_cm"] for error in errors)
         share = min(error["share_within_1_cm"] for error in errors)
-        line += f"; head and wrists within 1 cm of the trackers in {share:.1%} of measured frames or more (median {median:.2f} cm)"
+        where = "the trackers" if part == "full" else "where the animation has them"
+        line += f"; head and wrists within 1 cm of {where} in {share:.1%} of measured frames or more (median {median:.2f} cm)"
+    elif part == "lower":
+        line += "; hips and legs carry the upper body along, which is not animated where the take is"
     return line

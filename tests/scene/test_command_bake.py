@@ -121,6 +121,7 @@ def a_body_without_legs() -> None:
         (["--preset", "rigify-metarig", "--preview", "out.blend"], "out.blend: is no kind of preview"),
         (["--preset", "rigify-metarig", "--variations", "0"], "--variations: is 0"),
         (["--preset", "rigify-metarig", "--model", "."], "card.json"),
+        (["--preset", "rigify-metarig", "--limbs", "ik"], "key its limbs with fk"),
         (["--preset", "nonsense"], "nonsense"),
         ([], "--rig"),
     ],
