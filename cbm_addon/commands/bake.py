@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,7 @@ from .calibration import add_calibration_arguments, calibration_options, read_ca
 from .solve import add_solve_arguments, solve_options
 
 if TYPE_CHECKING:
+    from ..solve.models import Model
     from ..solve.perform import SolveOptions
     from ..takes.calibrate import Calibrated
 
@@ -41,6 +42,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
+    from ..solve.models import load_model
+
+    return bake_file(args, console, load_model)
+
+
+def bake_file(args: argparse.Namespace, console: Console, models: Callable[[Path | None], Model], kept: Path | None = None) -> dict[str, Any]:
+    """Bakes what the arguments say and returns the report.
+
+    models  gives the model of a folder
+    kept    a folder in which the new file of a preset is kept for the next bake
+    """
     try:
         from ..scene import blend_file
         from ..scene.bake import BakeOptions, bake
@@ -50,21 +62,20 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
         raise InputError(error.name or "bpy", "is not installed here; run `bake` inside Blender, or `pip install bpy`") from error
     from ..outputs import replacing_all
     from ..rigs.tables import load_table
-    from ..solve.models import load_model
 
     started = time.perf_counter()
     options = solve_options(args)
     table = load_table(args.map) if args.map else None
-    _check(args, args.blend or blend_file.opened())
+    _check(args, args.blend or (None if kept else blend_file.opened()))
     for preview in args.preview:
         check_preview(preview)
     with replacing_all([args.output, *args.preview], args.overwrite) as (blend, *previews):
-        model = load_model(args.model)
+        model = models(args.model)
         recordings = [read_calibrated(path, calibration_options(args)) for path in args.takes]
         for path, calibrated in zip(args.takes, recordings, strict=True):
             for warning in calibrated.calibration.warnings:
                 console.say(f"{path}: {warning}")
-        target = blend_file.open_target(args.blend, args.rig, args.preset)
+        target = blend_file.open_target(args.blend, args.rig, args.preset, kept)
         wanted = list(_wanted(args.takes, recordings, options, args.variations))
         bakes: list[dict[str, Any]] = []
         for path, calibrated, solve in reversed(wanted):  # so that the first is the one that the armature is left with
