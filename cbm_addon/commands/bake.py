@@ -13,6 +13,7 @@ from ..console import Console
 from ..errors import InputError
 from .calibration import add_calibration_arguments, calibration_options, read_calibrated
 from .solve import add_solve_arguments, solve_options
+from .values import two_amounts
 
 if TYPE_CHECKING:
     from ..solve.models import Model
@@ -36,6 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--root", choices=ROOTS, default="hips", help="what carries the way over the ground (default hips); in-place: nothing")
     parser.add_argument("--part", choices=("full", "lower"), default="full", help="lower: key hips and legs only, keep the animation of the rest")
     parser.add_argument("--variations", type=int, default=1, metavar="N", help="bake N variations of every take, from --variation on (default 1)")
+    parser.add_argument("--reduce", type=two_amounts, metavar="MM,DEG", help="thin the keys, so far as joints stay that near the full bake (5,1 is unseen)")
+    parser.add_argument("--push-down", action="store_true", help="keep the armature's earlier action, and all bakes but the first, as muted NLA tracks")
+    parser.add_argument("--no-fake-user", dest="fake_user", action="store_false", help="let Blender drop the new actions once nothing uses them")
     parser.add_argument("--preview", type=Path, action="append", default=[], metavar="OUT.mp4|OUT.png", help="render the first bake; may be repeated")
     add_solve_arguments(parser)
     add_calibration_arguments(parser)
@@ -58,6 +62,7 @@ def bake_file(args: argparse.Namespace, console: Console, models: Callable[[Path
         from ..scene.bake import BakeOptions, bake
         from ..scene.preview import Shot, check_preview, render_preview
         from ..scene.proxy import add_proxy, meshes_of
+        from ..scene.reduction import Reduction
     except ModuleNotFoundError as error:
         raise InputError(error.name or "bpy", "is not installed here; run `bake` inside Blender, or `pip install bpy`") from error
     from ..outputs import replacing_all
@@ -66,6 +71,7 @@ def bake_file(args: argparse.Namespace, console: Console, models: Callable[[Path
     started = time.perf_counter()
     options = solve_options(args)
     table = load_table(args.map) if args.map else None
+    reduction = Reduction(*args.reduce) if args.reduce else None
     _check(args, args.blend or (None if kept else blend_file.opened()))
     for preview in args.preview:
         check_preview(preview)
@@ -79,7 +85,8 @@ def bake_file(args: argparse.Namespace, console: Console, models: Callable[[Path
         wanted = list(_wanted(args.takes, recordings, options, args.variations))
         bakes: list[dict[str, Any]] = []
         for path, calibrated, solve in reversed(wanted):  # so that the first is the one that the armature is left with
-            job = bake(target.context, target.armature, calibrated, model, BakeOptions(args.part, solve, args.root, table))
+            how = BakeOptions(args.part, solve, args.root, table, reduction, args.fake_user, args.push_down)
+            job = bake(target.context, target.armature, calibrated, model, how)
             report = console.run(job)
             bakes.insert(0, {"take": path, "variation": solve.variation, **asdict(report), "calibration": calibrated.calibration.as_dict()})
         if not meshes_of(target.armature):
@@ -111,6 +118,8 @@ def bake_file(args: argparse.Namespace, console: Console, models: Callable[[Path
 def _check(args: argparse.Namespace, source: Path | None) -> None:
     if args.variations < 1:
         raise InputError("--variations", f"is {args.variations}; at least 1 is needed")
+    if args.reduce and not all(args.reduce):
+        raise InputError("--reduce", f"allows {args.reduce[0]:g} mm and {args.reduce[1]:g} degrees; both must be more than 0")
     if args.blend and not args.blend.is_file():
         raise InputError(args.blend, "does not exist; name a .blend file")
     if source and args.output.resolve() == source.resolve():
@@ -132,4 +141,7 @@ def _summary(made: dict[str, Any]) -> str:
         median = max(error["median_cm"] for error in errors)
         share = min(error["share_within_1_cm"] for error in errors)
         line += f"; head and wrists within 1 cm of the trackers in {share:.1%} of measured frames or more (median {median:.2f} cm)"
+    if thinned := made["reduction"]:
+        away = f"{thinned['largest_mm']:.1f} mm and {thinned['largest_deg']:.1f}°"
+        line += f"; {thinned['keys_before']} keys thinned to {thinned['keys_after']}, joints at most {away} away"
     return line

@@ -7,6 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .values import numbers
+
 if TYPE_CHECKING:
     from ..takes.calibrate import Calibrated, CalibrationOptions
     from ..takes.recording import TakeOverrides
@@ -100,8 +102,5 @@ def _rate(text: str) -> float:
 
 
 def _vector(text: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not three numbers with commas between them") from None
+    x, y, z = numbers(text, 3)
     return x, y, z

@@ -28,6 +28,7 @@ from ..takes.calibrate import Calibrated
 from ..takes.synthesize import TRACKED_JOINTS
 from ..takes.take import DEVICES
 from .action import Channel, location_channel, object_channels, pose_path, require_free, rotation_channel, scene_frames, scene_rate, write_action
+from .reduction import Reduction, ReductionReport, reducing_channels
 from .rig import read_rig, require_editable
 
 MEASURED_FRAMES = 120  # on how many frames the evaluated rig is compared with the trackers
@@ -42,12 +43,18 @@ class BakeOptions:
     part   "full", or "lower": hips and legs are keyed, the animation of the rest stays what it is
     root   what carries the way over the ground: the hips, a bone above them, the armature's object, or nothing ("in-place")
     table  the user's map of the rig's bones; None recognises them
+    reduction  how much the keys may be thinned; None keys every frame
+    fake_user  whether the new action is kept when nothing uses it
+    push_down  whether the action that the armature had becomes a muted NLA track
     """
 
     part: Literal["full", "lower"] = "full"
     solve: SolveOptions = field(default_factory=SolveOptions)
     root: Root = "hips"
     table: Table | None = None
+    reduction: Reduction | None = None
+    fake_user: bool = True
+    push_down: bool = False
 
 
 @dataclass(frozen=True)
@@ -68,6 +75,7 @@ class BakeReport:
     seconds            that the bake took, of which `frames_per_second` follows
     measured_frames    frames on which the evaluated rig was compared with the scaled trackers
     tracker_errors     by device; empty when only the lower body was baked, or in place
+    reduction          what was thinned, if that was asked for
     """
 
     action: str
@@ -78,6 +86,7 @@ class BakeReport:
     frames_per_second: float
     measured_frames: int
     tracker_errors: dict[str, TrackerError]
+    reduction: ReductionReport | None = None
 
 
 def bake(
@@ -97,18 +106,22 @@ def bake(
     require_carrier(armature, rig, options.root)
     solved = rig_body(rig)
     scale = take_scale(solved, calibrated)
-    motion = yield from part(solve_on_rig(solved, calibrated, model, options.solve, scene_rate(scene)), 0, 0.95)
+    solving = 0.6 if options.reduction else 0.95
+    motion = yield from part(solve_on_rig(solved, calibrated, model, options.solve, scene_rate(scene)), 0, solving)
+    channels, thinned = list(rig_channels(armature, rig, solved, motion, options.part, options.root)), None
+    if options.reduction:
+        channels, thinned = yield from part(reducing_channels(armature, rig, motion, channels, options.reduction, scale), solving, 0.95)
     yield Progress(0.95, "writing keys")
     frames = scene_frames(scene, motion.times, scene.frame_start)
     name = f"{calibrated.take.name}_variation{options.solve.variation}"
-    action = _write(armature, name, frames, list(rig_channels(armature, rig, solved, motion, options.part, options.root)), options.part)
+    action = _write(armature, name, frames, channels, options)
     measured, errors = np.empty(0), {}
     if options.part == "full" and options.root != "in-place":
         measured = np.unique(np.linspace(0, len(frames) - 1, MEASURED_FRAMES).round().astype(int))
         trackers = sampled(calibrated.take, motion.times[measured]).positions * scale
         errors = _tracker_errors(context, armature, rig, frames[measured], trackers)
     seconds = time.perf_counter() - started
-    return BakeReport(action.name, len(frames), scene_rate(scene), scale, seconds, len(frames) / seconds, len(measured), errors)
+    return BakeReport(action.name, len(frames), scene_rate(scene), scale, seconds, len(frames) / seconds, len(measured), errors, thinned)
 
 
 def take_scale(solved: RigBody, calibrated: Calibrated) -> float:
@@ -168,16 +181,35 @@ def _bone_channels(armature: bpy.types.Object, pose: BonePose) -> Iterator[Chann
         yield Channel(pose_path(bone.name, "scale"), rest + 1, bone.name)
 
 
-def _write(armature: bpy.types.Object, name: str, frames: np.ndarray, channels: list[Channel], part: str) -> bpy.types.Action:
+def _write(armature: bpy.types.Object, name: str, frames: np.ndarray, channels: list[Channel], options: BakeOptions) -> bpy.types.Action:
     data = armature.animation_data_create()
     previous, slot = data.action, getattr(data, "action_slot", None)
-    action = write_action(armature, name, frames, channels)
-    action[PART] = part
-    if previous is not None and part == "lower" and previous.get(PART) != "lower":
+    action = write_action(armature, name, frames, channels, options.fake_user)
+    action[PART] = options.part
+    if previous is not None and options.part == "lower" and previous.get(PART) != "lower":
         _play_below(data, previous, slot, frames)
+    elif previous is not None and options.push_down:
+        _push_down(data, previous, slot)
     elif previous is not None:
         previous.use_fake_user = True  # or it would leave the file with its last user
     return action
+
+
+def _push_down(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None) -> None:
+    """Keeps an action as a muted NLA track, to be listened to by unmuting it."""
+    _add_strip(data, action, slot)[0].mute = True
+
+
+def _add_strip(
+    data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None
+) -> tuple[bpy.types.NlaTrack, bpy.types.NlaStrip]:
+    """A new NLA track on top, called like an action and with that action as its strip, where the action has its keys."""
+    track = data.nla_tracks.new()
+    track.name = action.name
+    strip = track.strips.new(action.name, int(action.frame_range[0]), action)
+    if slot is not None:
+        strip.action_slot = slot
+    return track, strip
 
 
 def _play_below(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None, frames: np.ndarray) -> None:
@@ -187,11 +219,7 @@ def _play_below(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.ty
     """
     start = min(action.frame_range[0], frames[0])
     end = max(action.frame_range[1], frames[-1], start + 1)
-    track = data.nla_tracks.new()
-    track.name = action.name
-    strip = track.strips.new(action.name, int(start), action)
-    if slot is not None:
-        strip.action_slot = slot
+    _, strip = _add_strip(data, action, slot)
     strip.action_frame_start, strip.action_frame_end = start, end  # wide enough for the curves' own extrapolation to show
     strip.frame_start, strip.frame_end = start, end
 
