@@ -10,7 +10,6 @@ import bpy
 
 from ..cbm_addon.scene.modal import ModalJob
 from ..operators.bake_take import CBM_OT_bake_take
-from ..operators.calibrate_take import CBM_OT_calibrate_take
 from ..operators.import_mocap import CBM_OT_import_mocap
 from ..operators.import_take import CBM_OT_import_take
 from ..operators.load_model import CBM_OT_load_model
@@ -46,7 +45,23 @@ class CBM_PT_sidebar(bpy.types.Panel):
         box.operator(CBM_OT_import_take.bl_idname, text="From Animated Objects", icon="OBJECT_DATA").source = "OBJECTS"
         if settings.take:
             _findings(box, WHY.sub(r" (\1)", settings.take_summary), letters)
-            box.operator(CBM_OT_calibrate_take.bl_idname, icon="EMPTY_ARROWS")
+            if _unfolded(box, settings, "show_calibration"):
+                self._calibration(box.column(), settings)
+
+    def _calibration(self, column: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+        column.use_property_split = True
+        column.use_property_decorate = False
+        for name in ("eye_height", "seated", "measure_floor"):
+            column.prop(settings, name)
+        if not settings.measure_floor:
+            column.prop(settings, "floor")
+        for name in ("device", "own_offsets"):
+            column.prop(settings, name)
+        if settings.own_offsets:
+            for name in ("head_offset", "wrist_offset"):
+                column.prop(settings, name)
+        for name in ("swap_hands", "axes", "unit", "rate", "rotation_order", "keep_outliers", "join_teleports"):
+            column.prop(settings, name)
 
     def _rig(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup, letters: int) -> None:
         box.label(text="2. Rig", icon="ARMATURE_DATA")
@@ -68,17 +83,36 @@ class CBM_PT_sidebar(bpy.types.Panel):
     def _bake(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
         box.label(text="4. Bake", icon="ACTION")
         column = box.column(align=True)
-        for name in ("part", "root", "mode", "variation", "candidates", "seed"):
+        for name in ("part", "root", "variations"):
             column.prop(settings, name)
+        if _unfolded(box, settings, "show_options"):
+            column = box.column(align=True)
+            for name in ("mode", "variation", "candidates", "seed", "reduce"):
+                column.prop(settings, name)
+            if settings.reduce:
+                for name in ("reduce_distance", "reduce_angle"):
+                    column.prop(settings, name)
+            for name in ("push_down", "fake_user"):
+                column.prop(settings, name)
         row = box.row()
         row.scale_y = 1.5
         row.enabled = bool(settings.take and settings.rig)
-        row.operator(CBM_OT_bake_take.bl_idname, icon="PLAY")
+        text = f"Bake {settings.variations} Variations" if settings.variations > 1 else CBM_OT_bake_take.bl_label
+        row.operator(CBM_OT_bake_take.bl_idname, text=text, icon="PLAY")
 
 
 def _letters(context: bpy.types.Context) -> int:
     """About how many letters fit beside an icon, inside a box of the sidebar."""
     return max(20, int((context.region.width / context.preferences.system.ui_scale - 85) / 6.2))
+
+
+def _unfolded(box: bpy.types.UILayout, settings: bpy.types.PropertyGroup, name: str) -> bool:
+    """A line that unfolds what comes below it, and whether it has."""
+    is_open = getattr(settings, name)
+    row = box.row()
+    row.alignment = "LEFT"
+    row.prop(settings, name, icon="TRIA_DOWN" if is_open else "TRIA_RIGHT", emboss=False)
+    return is_open
 
 
 def _findings(box: bpy.types.UILayout, summary: str, letters: int) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, replace
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +17,6 @@ from .values import two_amounts
 
 if TYPE_CHECKING:
     from ..solve.models import Model
-    from ..solve.perform import SolveOptions
-    from ..takes.calibrate import Calibrated
 
 HELP = "bake takes onto an armature as new actions, and save a blend file"
 PRESETS = ("rigify", "rigify-metarig")
@@ -39,8 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--variations", type=int, default=1, metavar="N", help="bake N variations of every take, from --variation on (default 1)")
     parser.add_argument("--reduce", type=two_amounts, metavar="MM,DEG", help="thin the keys, so far as joints stay that near the full bake (5,1 is unseen)")
     parser.add_argument("--push-down", action="store_true", help="keep the armature's earlier action, and all bakes but the first, as muted NLA tracks")
-    parser.add_argument("--no-fake-user", dest="fake_user", action="store_false", help="let Blender drop the new actions once nothing uses them")
-    parser.add_argument("--preview", type=Path, action="append", default=[], metavar="OUT.mp4|OUT.png", help="render the first bake; may be repeated")
+    parser.add_argument("--no-fake-user", dest="fake_user", action="store_false", help="let Blender drop the new action once the armature has another")
+    parser.add_argument("--preview", type=Path, action="append", default=[], metavar="OUT.mp4|OUT.png", help="render the first take, variations side by side")
     add_solve_arguments(parser)
     add_calibration_arguments(parser)
 
@@ -59,7 +57,7 @@ def bake_file(args: argparse.Namespace, console: Console, models: Callable[[Path
     """
     try:
         from ..scene import blend_file
-        from ..scene.bake import BakeOptions, bake
+        from ..scene.bake import BakeOptions, bake_variations
         from ..scene.preview import Shot, check_preview, render_preview
         from ..scene.proxy import add_proxy, meshes_of
         from ..scene.reduction import Reduction
@@ -82,21 +80,21 @@ def bake_file(args: argparse.Namespace, console: Console, models: Callable[[Path
             for warning in calibrated.calibration.warnings:
                 console.say(f"{path}: {warning}")
         target = blend_file.open_target(args.blend, args.rig, args.preset, kept)
-        wanted = list(_wanted(args.takes, recordings, options, args.variations))
+        how = BakeOptions(args.part, options, args.root, table, reduction, args.fake_user, args.push_down)
         bakes: list[dict[str, Any]] = []
-        for path, calibrated, solve in reversed(wanted):  # so that the first is the one that the armature is left with
-            how = BakeOptions(args.part, solve, args.root, table, reduction, args.fake_user, args.push_down)
-            job = bake(target.context, target.armature, calibrated, model, how)
-            report = console.run(job)
-            bakes.insert(0, {"take": path, "variation": solve.variation, **asdict(report), "calibration": calibrated.calibration.as_dict()})
+        for path, calibrated in reversed(list(zip(args.takes, recordings, strict=True))):  # so that the first is the one that the armature is left with
+            reports = console.run(bake_variations(target.context, target.armature, calibrated, model, how, args.variations))
+            bakes = [{"take": path, **asdict(report), "calibration": calibrated.calibration.as_dict()} for report in reports] + bakes
         if not meshes_of(target.armature):
             add_proxy(target.armature, table)
         first, scale = recordings[0], bakes[0]["scale"]
         head_height = first.calibration.head_height * scale
         if target.is_new:
             blend_file.furnish(target.context.scene, first.take, scale, head_height)
+        compared = [made["action"] for made in bakes[: args.variations]] if args.variations > 1 else []
+        shot = Shot(target.armature, first.take, scale, head_height, blend_file.actions(compared))
         for preview in previews:
-            console.run(render_preview(target.context.scene, Shot(target.armature, first.take, scale, head_height), preview))
+            console.run(render_preview(target.context.scene, shot, preview))
         blend_file.save_blend(blend)
     seconds = time.perf_counter() - started
     for made in bakes:
@@ -126,12 +124,6 @@ def _check(args: argparse.Namespace, source: Path | None) -> None:
         raise InputError(args.output, "is the file that is read; write to another one")
     if args.output.suffix.lower() != ".blend":
         raise InputError(args.output, "must end in .blend")
-
-
-def _wanted(paths: list[Path], recordings: list[Calibrated], options: SolveOptions, variations: int) -> Iterator[tuple[Path, Calibrated, SolveOptions]]:
-    for path, calibrated in zip(paths, recordings, strict=True):
-        for variation in range(options.variation, options.variation + variations):
-            yield path, calibrated, replace(options, variation=variation)
 
 
 def _summary(made: dict[str, Any]) -> str:

@@ -14,12 +14,11 @@ if TYPE_CHECKING:
     from ..takes.recording import TakeOverrides
     from ..takes.take import Take
 
-ROTATION_ORDERS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
-
 
 def add_take_arguments(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
     """What a take's reader measures: unit, axes, times, which device is which, what is wrong."""
     from ..takes.frames import AXES, METRES
+    from ..takes.recording import ROTATION_ORDERS
 
     parser.add_argument("--unit", choices=METRES, help="unit of the take's positions (default: measured)")
     parser.add_argument("--axes", choices=AXES, help="axes of the take (default: from its format, or measured)")

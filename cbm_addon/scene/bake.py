@@ -72,13 +72,14 @@ class BakeReport:
     """What a bake made.
 
     scale              of the take, about the world origin, to the rig's size
-    seconds            that the bake took, of which `frames_per_second` follows
+    seconds            that the bake took (of several variations, its share), of which `frames_per_second` follows
     measured_frames    frames on which the evaluated rig was compared with the scaled trackers
     tracker_errors     by device; empty when only the lower body was baked, or in place
     reduction          what was thinned, if that was asked for
     """
 
     action: str
+    variation: int
     frames: int
     fps: float
     scale: float
@@ -97,6 +98,14 @@ def bake(
     Nothing is changed before the last event. Then the armature has the new action; the one it had stays in the file, and with part "lower"
     it goes on as an NLA strip below. InputError if the armature cannot be baked onto.
     """
+    reports = yield from bake_variations(context, armature, calibrated, model, options, 1)
+    return reports[0]
+
+
+def bake_variations(
+    context: bpy.types.Context, armature: bpy.types.Object, calibrated: Calibrated, model: Model, options: BakeOptions, count: int
+) -> Generator[Progress, None, list[BakeReport]]:
+    """The same for so many variations from that of the options on, each an action; the armature is left with the first."""
     started = time.perf_counter()
     scene = context.scene
     require_editable(armature)
@@ -106,22 +115,38 @@ def bake(
     require_carrier(armature, rig, options.root)
     solved = rig_body(rig)
     scale = take_scale(solved, calibrated)
-    solving = 0.6 if options.reduction else 0.95
-    motion = yield from part(solve_on_rig(solved, calibrated, model, options.solve, scene_rate(scene)), 0, solving)
+    made = []
+    for i in range(count):
+        solve = replace(options.solve, variation=options.solve.variation + i)
+        job = _animated(scene, armature, rig, solved, calibrated, model, replace(options, solve=solve))
+        made.append((solve.variation, *(yield from part(job, 0.95 * i / count, 0.95 * (i + 1) / count))))
+    yield Progress(0.95, "writing keys")
+    reports = []
+    for variation, times, channels, thinned in reversed(made):
+        frames = scene_frames(scene, times, scene.frame_start)
+        action = _write(armature, f"{calibrated.take.name}_variation{variation}", frames, channels, options)
+        measured, errors = np.empty(0), {}
+        if options.part == "full" and options.root != "in-place":
+            measured = np.unique(np.linspace(0, len(frames) - 1, MEASURED_FRAMES).round().astype(int))
+            trackers = sampled(calibrated.take, times[measured]).positions * scale
+            errors = _tracker_errors(context, armature, rig, frames[measured], trackers)
+        seconds = (time.perf_counter() - started) / count
+        report = BakeReport(action.name, variation, len(frames), scene_rate(scene), scale, seconds, len(frames) / seconds, len(measured), errors, thinned)
+        reports.insert(0, report)
+    return reports
+
+
+def _animated(
+    scene: bpy.types.Scene, armature: bpy.types.Object, rig: Rig, solved: RigBody, calibrated: Calibrated, model: Model, options: BakeOptions
+) -> Generator[Progress, None, tuple[np.ndarray, list[Channel], ReductionReport | None]]:
+    """Seconds [T], the channels that a take becomes, and what was thinned of them."""
+    share = 0.6 if options.reduction else 1.0
+    motion = yield from part(solve_on_rig(solved, calibrated, model, options.solve, scene_rate(scene)), 0, share)
     channels, thinned = list(rig_channels(armature, rig, solved, motion, options.part, options.root)), None
     if options.reduction:
-        channels, thinned = yield from part(reducing_channels(armature, rig, motion, channels, options.reduction, scale), solving, 0.95)
-    yield Progress(0.95, "writing keys")
-    frames = scene_frames(scene, motion.times, scene.frame_start)
-    name = f"{calibrated.take.name}_variation{options.solve.variation}"
-    action = _write(armature, name, frames, channels, options)
-    measured, errors = np.empty(0), {}
-    if options.part == "full" and options.root != "in-place":
-        measured = np.unique(np.linspace(0, len(frames) - 1, MEASURED_FRAMES).round().astype(int))
-        trackers = sampled(calibrated.take, motion.times[measured]).positions * scale
-        errors = _tracker_errors(context, armature, rig, frames[measured], trackers)
-    seconds = time.perf_counter() - started
-    return BakeReport(action.name, len(frames), scene_rate(scene), scale, seconds, len(frames) / seconds, len(measured), errors, thinned)
+        scale = take_scale(solved, calibrated)
+        channels, thinned = yield from part(reducing_channels(armature, rig, motion, channels, options.reduction, scale), share, 1)
+    return motion.times, channels, thinned
 
 
 def take_scale(solved: RigBody, calibrated: Calibrated) -> float:

@@ -116,6 +116,11 @@ def furnish(scene: bpy.types.Scene, take: Take, scale: float, head_height: float
                 area.spaces.active.region_3d.view_perspective = "CAMERA"
 
 
+def actions(names: list[str]) -> tuple[bpy.types.Action, ...]:
+    """The actions of those names."""
+    return tuple(bpy.data.actions[name] for name in names)
+
+
 def save_blend(path: Path) -> None:
     """Saves a copy; what is open stays what it is."""
     with silence():
