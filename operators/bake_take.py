@@ -52,6 +52,10 @@ class CBM_OT_bake_take(bpy.types.Operator, ModalJob):
                 self.report({"INFO"}, f"{report.action}: {thinned.keys_before} keys thinned to {thinned.keys_after}")
             self.report({"INFO"}, f"{report.action}: {report.frames} frames at {report.fps:g} fps in {report.seconds:.1f} s")
 
+        scene, last = context.scene, context.scene.frame_start + result[0].frames - 1
+        if last > scene.frame_end:
+            self.report({"WARNING"}, f"the bake ends at frame {last}, and the scene plays to {scene.frame_end}")
+
     def _armature(self, context: bpy.types.Context) -> bpy.types.Object:
         if self.rig:
             return find_armature(self.rig)

@@ -49,18 +49,22 @@ class CBM_PT_sidebar(bpy.types.Panel):
                 self._calibration(box.column(), settings)
 
     def _calibration(self, column: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
-        column.use_property_split = True
-        column.use_property_decorate = False
-        for name in ("eye_height", "seated", "measure_floor"):
-            column.prop(settings, name)
+        column.prop(settings, "eye_height", text="Eye Height" if settings.eye_height else "Eye Height (0: measured)")
+        row = column.row(align=True)
+        row.prop(settings, "measure_floor")
         if not settings.measure_floor:
-            column.prop(settings, "floor")
-        for name in ("device", "own_offsets"):
-            column.prop(settings, name)
+            row.prop(settings, "floor")
+        column.prop(settings, "seated")
+        column.prop(settings, "device")
+        column.prop(settings, "own_offsets")
         if settings.own_offsets:
             for name in ("head_offset", "wrist_offset"):
-                column.prop(settings, name)
-        for name in ("swap_hands", "axes", "unit", "rate", "rotation_order", "keep_outliers", "join_teleports"):
+                column.column(align=True).prop(settings, name)
+        for name in ("swap_hands", "axes", "unit"):
+            column.prop(settings, name)
+        column.prop(settings, "rotation_order", text="Angles")
+        column.prop(settings, "rate", text="Rate" if settings.rate else "Rate (0: as recorded)")
+        for name in ("keep_outliers", "join_teleports"):
             column.prop(settings, name)
 
     def _rig(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup, letters: int) -> None:
@@ -83,11 +87,14 @@ class CBM_PT_sidebar(bpy.types.Panel):
     def _bake(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
         box.label(text="4. Bake", icon="ACTION")
         column = box.column(align=True)
-        for name in ("part", "root", "variations"):
-            column.prop(settings, name)
+        column.prop(settings, "part")
+        column.prop(settings, "root", text="Root")
+        column.prop(settings, "variations")
         if _unfolded(box, settings, "show_options"):
             column = box.column(align=True)
-            for name in ("mode", "variation", "candidates", "seed", "reduce"):
+            column.prop(settings, "mode")
+            column.prop(settings, "variation", text="First Variation")
+            for name in ("candidates", "seed", "reduce"):
                 column.prop(settings, name)
             if settings.reduce:
                 for name in ("reduce_distance", "reduce_angle"):

@@ -59,9 +59,9 @@ def test_a_corrected_setting_moves_the_trackers_at_once(extension: ModuleType, s
     settings.measure_floor, settings.floor = False, 0.25
     np.testing.assert_allclose(tracker(head) - before, (0, 0, -0.25), atol=1e-5)
     assert "floor: 0.250 m (given)" in settings.take_summary
-    settings.floor = float("inf")
-    assert settings.take_summary.startswith("! "), "what cannot be is said where the findings stand"
-    settings.measure_floor = True
+    settings.eye_height = 0.2
+    assert settings.take_summary.startswith("! --eye-height"), "what cannot be is said where the findings stand"
+    settings.eye_height, settings.measure_floor = 1.65, True
     np.testing.assert_allclose(tracker(head), before, atol=1e-5)
     assert (len(bpy.data.objects), len(bpy.data.actions)) == (4, 3), "the trackers are moved, and not made again"
 
