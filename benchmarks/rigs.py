@@ -166,45 +166,73 @@ def vrm_map(armature) -> dict[str, str]:
 
 
 def measure(armature, case: Case, calibrated, performance, engine) -> str:
-    from cbm_addon.motion.contacts import CONTACT_JOINTS
-    from cbm_addon.motion.resample import frame_times
-    from cbm_addon.motion.rotations import difference, inverse, multiply, quat_from_matrix
-    from cbm_addon.progress import run
-    from cbm_addon.rigs.body import rig_body
     from cbm_addon.rigs.recognize import recognize
-    from cbm_addon.scene.action import write_action
-    from cbm_addon.scene.bake import rig_channels, take_scale
     from cbm_addon.scene.rig import read_bones, read_rig
-    from cbm_addon.solve.fuse import fusing
-    from cbm_addon.solve.perform import sampled
-    from cbm_addon.takes.synthesize import TRACKED_JOINTS
 
     found = recognize(read_bones(armature))
     truth = case.joints(armature) if callable(case.joints) else case.joints
     rig = read_rig(armature)
     named = rig.mapping.joints | rig.mapping.fingers
     wrong = str(sum(named.get(joint) != bone for joint, bone in truth.items())) if truth else "-"
+    made = baked(armature, calibrated, performance, engine)
+    near, turns = (made.apart < 0.01).mean(axis=0), made.off.max(axis=0)
+    return (
+        f"{len(rig.bones):>6}  {rig.mapping.kind:<22}{found.score:>6.2f}{wrong:>6}{by_shape(rig):>6}{made.exact:>7.3f}"
+        f"{near[0]:>8.1%}{turns[0]:>5.1f}°{near[1:].min():>8.1%}{turns[1:].max():>5.1f}°{made.slide:>6.1f} ({made.engine_slide:.1f})"
+    )
+
+
+@dataclass(frozen=True)
+class Baked:
+    """What a bake of T frames gave, as Blender evaluates it, at the performer's size.
+
+    exact         largest distance of a bone's head from where its joint was solved, millimetres
+    apart         [T, 3]: of head and wrists from their trackers, metres
+    off           [T, 3]: degrees between the two
+    slide         cm/s, see `slide`
+    engine_slide  the same of the engine's own body
+    """
+
+    exact: float
+    apart: np.ndarray
+    off: np.ndarray
+    slide: float
+    engine_slide: float
+
+
+def baked(armature, calibrated, performance, engine, limbs: str = "fk") -> Baked:
+    from cbm_addon.motion.contacts import CONTACT_JOINTS
+    from cbm_addon.motion.resample import frame_times
+    from cbm_addon.motion.rotations import difference, inverse, multiply, quat_from_matrix
+    from cbm_addon.progress import run
+    from cbm_addon.rigs.body import rig_body
+    from cbm_addon.scene.action import write_action
+    from cbm_addon.scene.bake import rig_channels, take_scale
+    from cbm_addon.scene.rig import read_rig
+    from cbm_addon.solve.fuse import fusing
+    from cbm_addon.solve.perform import sampled
+    from cbm_addon.takes.synthesize import TRACKED_JOINTS
+
+    rig = read_rig(armature)
     solved = rig_body(rig)
     scale = take_scale(solved, calibrated)
     times = frame_times(calibrated.take.times[0], calibrated.take.times[-1], RATE)
     motion = run(fusing(performance, calibrated.take, times, solved.body.scaled(1 / scale), solved.sole / scale))
     motion = replace(motion, skeleton=solved.body, root=motion.root * np.float32(scale))
-    write_action(armature, "bake", 1.0 + np.arange(len(motion)), list(rig_channels(armature, rig, solved, motion)))
+    write_action(armature, "bake", 1.0 + np.arange(len(motion)), list(rig_channels(armature, rig, solved, motion, limbs=limbs)))
     matrices = evaluated(armature, [rig.mapping.joints[name] for name in solved.body.names], len(motion))
     heads = matrices[..., :3, 3]
-    exact = 1000 * np.linalg.norm(heads - motion.positions(), axis=-1).max() / scale
     tracked = solved.body.indices(TRACKED_JOINTS)
     take = sampled(calibrated.take, motion.times)
-    apart = np.linalg.norm(heads[:, tracked] - take.positions * scale, axis=-1) / scale
     rest = np.stack([multiply(rig.object_rotation, rig.rest_rotation(rig.mapping.joints[name])) for name in TRACKED_JOINTS])
     turned = multiply(multiply(quat_from_matrix(matrices[:, tracked, :3, :3] / rig.scale), inverse(rest)), inverse(solved.alignment[tracked]))
-    off = np.degrees(difference(turned, take.rotations))
-    near, turns = (apart < 0.01).mean(axis=0), off.max(axis=0)
     feet = [name for name in CONTACT_JOINTS if name in solved.body]  # of a rig without toes, the ankles of both are compared
-    slides = slide(heads[:, solved.body.indices(feet)] / scale), slide(engine.positions()[:, engine.skeleton.indices(feet)])
-    return (
-        f"{len(rig.bones):>6}  {rig.mapping.kind:<22}{found.score:>6.2f}{wrong:>6}{by_shape(rig):>6}{exact:>7.3f}"
-        f"{near[0]:>8.1%}{turns[0]:>5.1f}°{near[1:].min():>8.1%}{turns[1:].max():>5.1f}°{slides[0]:>6.1f} ({slides[1]:.1f})"
+    return Baked(
+        exact=1000 * float(np.linalg.norm(heads - motion.positions(), axis=-1).max()) / scale,
+        apart=np.linalg.norm(heads[:, tracked] - take.positions * scale, axis=-1) / scale,
+        off=np.degrees(difference(turned, take.rotations)),
+        slide=slide(heads[:, solved.body.indices(feet)] / scale),
+        engine_slide=slide(engine.positions()[:, engine.skeleton.indices(feet)]),
     )
 
 

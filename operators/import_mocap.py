@@ -43,7 +43,7 @@ class CBM_OT_import_mocap(bpy.types.Operator, ImportHelper, RigProperties):
         paths = [folder / name for name in names] or [Path(bpy.path.abspath(self.filepath))]
         start = self.frame_start if self.properties.is_property_set("frame_start") else context.scene.frame_start
         try:
-            results = import_mocap(context, paths, self._target(context), start, self.table(), self.root)
+            results = import_mocap(context, paths, self._target(context), start, self.table(), self.root, self.limbs)
         except InputError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

@@ -93,7 +93,7 @@ def map_of_bones(**more):
 
 
 class RigProperties:
-    """Which bones play which joints, and what carries the way over the ground."""
+    """Which bones play which joints, what carries the way over the ground, and how limbs are keyed."""
 
     map: map_of_bones()
     root: bpy.props.EnumProperty(
@@ -104,6 +104,15 @@ class RigProperties:
             ("bone", "Root Bone", "The topmost bone above the hips carries them"),
             ("object", "Object", "The armature's object moves"),
             ("in-place", "In Place", "Nothing: the body stays over its spot"),
+        ],
+    )
+    limbs: bpy.props.EnumProperty(
+        name="Limbs",
+        description="Which controls of arms and legs are keyed, on a generated Rigify rig",
+        items=[
+            ("fk", "FK", "Forward kinematics"),
+            ("ik", "IK", "Inverse kinematics: hands, feet and poles"),
+            ("both", "FK and IK", "Both, in agreement, switched to inverse kinematics"),
         ],
     )
 
@@ -174,7 +183,10 @@ class CBM_PG_settings(bpy.types.PropertyGroup, CalibrationProperties, RigPropert
     seed: bpy.props.IntProperty(name="Seed", description="The same seed gives the same motion", min=0)
     part: bpy.props.EnumProperty(
         name="Part",
-        items=[("full", "Full Body", "Key the whole body"), ("lower", "Hips and Legs", "Key hips and legs only; the animation of the upper body stays")],
+        items=[
+            ("full", "Full Body", "Key the whole body"),
+            ("lower", "Hips and Legs", "Hips and legs follow the take; head and wrists stay where the rig's animation has them"),
+        ],
     )
 
     variations: bpy.props.IntProperty(name="Variations", description="How many are baked at once, each an action", default=1, min=1, max=16)
@@ -197,7 +209,7 @@ class CBM_PG_settings(bpy.types.PropertyGroup, CalibrationProperties, RigPropert
 
     def bake_options(self) -> BakeOptions:
         reduction = Reduction(self.reduce_distance, self.reduce_angle) if self.reduce else None
-        return BakeOptions(self.part, self.solve_options(), self.root, self.table(), reduction, self.fake_user, self.push_down)
+        return BakeOptions(self.part, self.solve_options(), self.root, self.table(), self.limbs, reduction, self.fake_user, self.push_down)
 
     def solve_options(self) -> SolveOptions:
         return SolveOptions(self.mode, self.candidates, self.variation, self.seed)

@@ -89,6 +89,7 @@ class CBM_PT_sidebar(bpy.types.Panel):
         column = box.column(align=True)
         column.prop(settings, "part")
         column.prop(settings, "root", text="Root")
+        column.prop(settings, "limbs")
         column.prop(settings, "variations")
         if _unfolded(box, settings, "show_options"):
             column = box.column(align=True)

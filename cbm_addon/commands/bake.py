@@ -23,6 +23,7 @@ PRESETS = ("rigify", "rigify-metarig")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    from ..rigs.limbs import LIMBS
     from ..rigs.travel import ROOTS
 
     parser.add_argument("takes", type=Path, nargs="+", metavar="TAKE", help="three-point recordings; each becomes an action")
@@ -33,7 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.blend", help="the blend file to write")
     parser.add_argument("--map", type=Path, metavar="MAP.json", help="which bones play which joints, as `cbm rigs --save-map` writes it (default: recognised)")
     parser.add_argument("--root", choices=ROOTS, default="hips", help="what carries the way over the ground (default hips); in-place: nothing")
-    parser.add_argument("--part", choices=("full", "lower"), default="full", help="lower: key hips and legs only, keep the animation of the rest")
+    parser.add_argument("--limbs", choices=LIMBS, default="fk", help="on a generated Rigify rig: key the FK or the IK controls of arms and legs, or both")
+    parser.add_argument(
+        "--part", choices=("full", "lower"), default="full", help="lower: hips and legs follow the take, head and wrists stay where an animation has them"
+    )
     parser.add_argument("--variations", type=int, default=1, metavar="N", help="bake N variations of every take, from --variation on (default 1)")
     parser.add_argument("--reduce", type=two_amounts, metavar="MM,DEG", help="thin the keys, so far as joints stay that near the full bake (5,1 is unseen)")
     parser.add_argument("--push-down", action="store_true", help="keep the armature's earlier action, and all bakes but the first, as muted NLA tracks")
@@ -80,7 +84,7 @@ def bake_file(args: argparse.Namespace, console: Console, models: Callable[[Path
             for warning in calibrated.calibration.warnings:
                 console.say(f"{path}: {warning}")
         target = blend_file.open_target(args.blend, args.rig, args.preset, kept)
-        how = BakeOptions(args.part, options, args.root, table, reduction, args.fake_user, args.push_down)
+        how = BakeOptions(args.part, options, args.root, table, args.limbs, reduction, args.fake_user, args.push_down)
         bakes: list[dict[str, Any]] = []
         for path, calibrated in reversed(list(zip(args.takes, recordings, strict=True))):  # so that the first is the one that the armature is left with
             reports = console.run(bake_variations(target.context, target.armature, calibrated, model, how, args.variations))
@@ -98,7 +102,7 @@ def bake_file(args: argparse.Namespace, console: Console, models: Callable[[Path
         blend_file.save_blend(blend)
     seconds = time.perf_counter() - started
     for made in bakes:
-        console.say(_summary(made))
+        console.say(_summary(made, args.part))
     made = ", ".join(str(path) for path in (args.output, *args.preview))
     console.say(f"{made}: made in {seconds:.1f} s; open with `blender {args.output}`")
     return {
@@ -106,6 +110,7 @@ def bake_file(args: argparse.Namespace, console: Console, models: Callable[[Path
         "previews": args.preview,
         "rig": target.armature.name,
         "part": args.part,
+        "limbs": args.limbs,
         "model": model.name,
         "mode": options.mode,
         "bakes": bakes,
@@ -126,13 +131,14 @@ def _check(args: argparse.Namespace, source: Path | None) -> None:
         raise InputError(args.output, "must end in .blend")
 
 
-def _summary(made: dict[str, Any]) -> str:
+def _summary(made: dict[str, Any], part: str) -> str:
     line = f"{made['action']}: {made['frames']} frames at {made['fps']:g} fps baked in {made['seconds']:.1f} s"
     errors = made["tracker_errors"].values()
     if errors:
         median = max(error["median_cm"] for error in errors)
         share = min(error["share_within_1_cm"] for error in errors)
-        line += f"; head and wrists within 1 cm of the trackers in {share:.1%} of measured frames or more (median {median:.2f} cm)"
+        where = "the trackers" if part == "full" else "where the animation has them"
+        line += f"; head and wrists within 1 cm of {where} in {share:.1%} of measured frames or more (median {median:.2f} cm)"
     if thinned := made["reduction"]:
         away = f"{thinned['largest_mm']:.1f} mm and {thinned['largest_deg']:.1f}°"
         line += f"; {thinned['keys_before']} keys thinned to {thinned['keys_after']}, joints at most {away} away"

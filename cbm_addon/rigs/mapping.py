@@ -8,7 +8,7 @@ from ..errors import InputError
 from ..features import LOWER_JOINTS
 from ..motion.skeleton import BODY_JOINTS
 from .match import Match
-from .rig import FINGER_JOINTS, SIDES, Bones, Control, Mapping
+from .rig import FINGER_JOINTS, OWN_ROLL, SIDES, Bones, Control, Mapping, Pole, next_in_limb
 from .tables import Names, Table
 
 
@@ -25,14 +25,14 @@ def mapping_of(bones: Bones, match: Match) -> Mapping:
     if table.controls:
         fingers = {joint: match.joints[joint] for joint in FINGER_JOINTS if joint in match.joints}
         own = replace(table, joints=_single(joints | fingers), root=(match.root,) if match.root else ())
-        return Mapping(own, joints, fingers, above, _table_controls(bones, table), settings, match.root)
+        return Mapping(own, joints, fingers, above, _table_controls(bones, table), settings, _poles(bones, table), match.root)
     fingers = _fingers(bones, match.joints)
-    twists = _below(bones, match.twists, joints)
+    twists = _spreading(bones, _below(bones, match.twists, joints), joints)
     also = _below(bones, match.also, {joint: joints[parent] for joint, parent in above.items() if parent})
     top = bones.ancestors(joints["Hips"])
     root = match.root if match.root in top else top[-1] if top else None
     own = replace(table, joints=_single(joints | fingers), twists=twists, also=also, root=(root,) if root else ())
-    return Mapping(own, joints, fingers, above, _plain_controls(bones, joints | fingers, twists, also), settings, root)
+    return Mapping(own, joints, fingers, above, _plain_controls(bones, joints | fingers, twists, also), settings, root=root)
 
 
 def _single(bones: dict[str, str]) -> dict[str, Names]:
@@ -42,6 +42,14 @@ def _single(bones: dict[str, str]) -> dict[str, Names]:
 def _below(bones: Bones, named: dict[str, Names], carriers: dict[str, str]) -> dict[str, Names]:
     """The named bones of each joint that are below the bone that must carry them."""
     return {joint: below for joint, names in named.items() if (below := tuple(bone for bone in names if carriers.get(joint) in bones.ancestors(bone)))}
+
+
+def _spreading(bones: Bones, twists: dict[str, Names], joints: dict[str, str]) -> dict[str, Names]:
+    """Twist bones that can spread a roll: those of upper arm and thigh only beside the way to the next joint, which has to keep the roll."""
+    return {
+        joint: tuple(bone for bone in names if not joint.endswith(OWN_ROLL) or bone not in bones.ancestors(joints[next_in_limb(joint)]))
+        for joint, names in twists.items()
+    }
 
 
 def _above(bones: Bones, table: Table, joints: dict[str, str]) -> dict[str, str | None]:
@@ -93,7 +101,7 @@ def _fingers(bones: Bones, joints: dict[str, str]) -> dict[str, str]:
 def _plain_controls(bones: Bones, joints: dict[str, str], twists: dict[str, Names], also: dict[str, Names]) -> tuple[Control, ...]:
     """Every mapped bone is keyed itself; the hips also move. A bone between two of them that does not inherit rotation is keyed to do so."""
     plays = {bone: joint for more in (twists, also) for joint, names in more.items() for bone in names} | {bone: joint for joint, bone in joints.items()}
-    rolls = {bone: (i + 1) / (len(names) + 1) for names in twists.values() for i, bone in enumerate(names)}
+    rolls = {bone: (i + 1) / (len(names) + 1) - joint.endswith(OWN_ROLL) for joint, names in twists.items() for i, bone in enumerate(names)}
     for bone in list(plays):
         below = []
         for parent in bones.ancestors(bone):
@@ -124,8 +132,15 @@ def _plain_controls(bones: Bones, joints: dict[str, str], twists: dict[str, Name
 
 
 def _table_controls(bones: Bones, table: Table) -> tuple[Control, ...]:
-    named = (*(control.bone for control in table.controls if control.joint in BODY_JOINTS), *(setting.bone for setting in table.settings))
+    needed = (control.bone for control in table.controls if control.joint in BODY_JOINTS and control.limbs != "ik")
+    named = (*needed, *(setting.bone for setting in table.settings if setting.limbs != "ik"))
     missing = [bone for bone in named if bone not in bones.bones]
     if missing:
         raise InputError(bones.name, f"looks like {table.title} but lacks its controls {', '.join(missing)}; generate it again from the human metarig")
     return tuple(control for control in table.controls if control.bone in bones.bones)
+
+
+def _poles(bones: Bones, table: Table) -> tuple[Pole, ...]:
+    """The table's poles, if the armature has them and all controls of its inverse kinematics."""
+    needed = (*(pole.bone for pole in table.poles), *(item.bone for item in (*table.controls, *table.settings) if item.limbs == "ik"))
+    return table.poles if all(bone in bones.bones for bone in needed) else ()

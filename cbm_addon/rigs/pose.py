@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,8 +19,8 @@ from ..motion.rotations import (
     quat_from_axis_angle,
     rotate,
 )
-from .body import OUTWARD, RigBody
-from .rig import Control, Rig
+from .body import DOWN, OUTWARD, RigBody
+from .rig import OWN_ROLL, Control, Rig, next_in_limb
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,10 @@ class BonePose:
     location: Array | None
 
 
-def bone_poses(rig: Rig, rig_body: RigBody, motion: Motion) -> Iterator[BonePose]:
+def bone_poses(rig: Rig, rig_body: RigBody, motion: Motion, ways: Collection[str] = ("fk",)) -> Iterator[BonePose]:
     """The poses of the rig's controls that put its bones where `motion` (on rig_body.body, world units) has its joints.
 
+    ways  the kinematics of the limbs, "fk" or "ik", whose controls get poses, of a rig that has both
     Controls of joints that the motion does not have get no pose. Bones that are not controls are taken to be at rest relative to their
     parents.
     """
@@ -63,6 +64,8 @@ def bone_poses(rig: Rig, rig_body: RigBody, motion: Motion) -> Iterator[BonePose
         turn_of[control.bone], roll_of[control.bone] = turn, control.roll
         if control.carrier in turn_of:
             turn = multiply(inverse(turn_of[control.carrier]), turn)
+        if control.limbs not in ("", *ways):
+            continue
         head = None
         if control.anchor is not None:
             beside = rig.head(control.bone) - rig.head(rig.mapping.joints[control.anchor])
@@ -84,17 +87,20 @@ def placed(rig: Rig, bone: str, lower: bool, turn: Array, head: Array | None) ->
 
 
 def _roll(rig: Rig, motion: Motion, control: Control, share: float) -> Array:
-    """A share of the roll of the hand against the forearm, [T, 4], about the axis of a twist bone at rest (armature axes).
+    """A share of the roll that a twist bone spreads, [T, 4], about its axis at rest (armature axes): the part of a joint's rotation against
+    the one above that is about the bone's length in the T-pose (swing-twist decomposition).
 
-    A bone that carries the hand turns about the line from itself to the hand, so that the hand stays where it is.
+    A bone that carries the next joint turns about the line from itself to that, so that it stays where it is.
     """
-    side = control.joint.removesuffix("ForeArm")
-    forearm, hand = rig.mapping.joints[control.joint], rig.mapping.joints[f"{side}Hand"]
-    local = motion.rotations[:, motion.skeleton.index(f"{side}Hand")].astype(np.float64)
-    angle = np.unwrap(2 * np.arctan2(local[:, 1:] @ OUTWARD[side], local[:, 0]), period=2 * np.pi)
+    below = next_in_limb(control.joint)
+    along = OUTWARD[control.joint.removesuffix("ForeArm").removesuffix("Arm")] if "Arm" in control.joint else DOWN
+    rolled = control.joint if control.joint in OWN_ROLL else below
+    local = motion.rotations[:, motion.skeleton.index(rolled)].astype(np.float64)
+    angle = np.unwrap(2 * np.arctan2(local[:, 1:] @ along, local[:, 0]), period=2 * np.pi)
     angle -= 2 * np.pi * np.round(np.median(angle) / (2 * np.pi))
-    start = control.bone if control.bone in rig.ancestors(hand) else forearm
-    heads = (rig.rest[rig.index(bone), :3, 3] for bone in (start, hand))
+    limb, end = rig.mapping.joints[control.joint], rig.mapping.joints[below]
+    start = control.bone if control.bone in rig.ancestors(end) else limb
+    heads = (rig.rest[rig.index(bone), :3, 3] for bone in (start, end))
     axis = normalize(np.subtract(*reversed(list(heads))))
     return quat_from_axis_angle(np.broadcast_to(axis, (len(angle), 3)), share * angle)
 

@@ -8,7 +8,7 @@ Joints of feet that stand have a tolerance of their own, since even a millimetre
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Collection, Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,10 +96,13 @@ def between(values: Array, keyed: np.ndarray, frames: np.ndarray) -> Array:
     return here + t * (leaving + t * (3 * way - 2 * leaving - arriving + t * (leaving + arriving - 2 * way)))
 
 
-def reducing(rig: Rig, curves: Sequence[BoneCurves], planted: dict[str, np.ndarray], tolerance: Tolerance) -> Generator[Progress, None, Reduced]:
+def reducing(
+    rig: Rig, curves: Sequence[BoneCurves], planted: dict[str, np.ndarray], apart: Collection[str], tolerance: Tolerance
+) -> Generator[Progress, None, Reduced]:
     """The frames to key of each of `curves`, whose controls come after their carriers.
 
     planted  joint -> bool [T]: it belongs to a foot that stands
+    apart    joints whose places do not follow from the curves, because inverse kinematics hold them
     """
     chain = _Chain(rig, curves)
     dense = [bone.values() for bone in curves]
@@ -107,6 +110,7 @@ def reducing(rig: Rig, curves: Sequence[BoneCurves], planted: dict[str, np.ndarr
     allowed = np.full((len(every), len(chain.joints)), tolerance.position)
     for joint in set(planted) & set(chain.joints):
         allowed[planted[joint], chain.joints.index(joint)] = min(tolerance.planted, tolerance.position)
+    allowed[:, [chain.joints.index(joint) for joint in apart]] = np.inf
     fit = _Fit(chain, dense, chain.pose(dense), allowed, tolerance.angle)
     keyed = [np.unique(every[[0, -1]]) for _ in curves]
     values = [between(dense[bone], keyed[bone], every) for bone in range(len(curves))]
@@ -160,7 +164,8 @@ class _Fit:
     def _ratios(self, pose: _Pose, truth: _Pose, allowed: Array) -> tuple[Array, float, float]:
         away = np.linalg.norm(pose.positions - truth.positions, axis=-1)
         turned = difference(pose.turns, truth.turns).T
-        return np.concatenate((away / allowed, turned / self.angle), axis=-1), float(away.max()), float(turned.max())
+        judged = np.where(np.isfinite(allowed), away, 0)
+        return np.concatenate((judged / allowed, turned / self.angle), axis=-1), float(judged.max()), float(turned.max())
 
     def blame(self, values: list[Array], frames: np.ndarray) -> np.ndarray:
         """Which control contributes most to the worst deviation at every frame, int [t]; -1 where all are allowed."""

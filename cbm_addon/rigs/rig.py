@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,16 @@ FINGERS = ("Thumb", "Index", "Middle", "Ring", "Pinky")
 FINGER_JOINTS = tuple(f"{side}Hand{finger}{phalanx}" for side in SIDES for finger in FINGERS for phalanx in (1, 2, 3))
 
 
+LIMBS = (("Arm", "ForeArm", "Hand"), ("UpLeg", "Leg", "Foot"))  # names of joints without their side
+OWN_ROLL = tuple(f"{side}{upper}" for side in SIDES for upper, *_ in LIMBS)  # joints whose twist bones spread their own roll
+
+
+def next_in_limb(joint: str) -> str:
+    """The joint below an upper arm, forearm, thigh or shin."""
+    side = next(side for side in SIDES if joint.startswith(side))
+    return next(side + below for limb in LIMBS for above, below in pairwise(limb) if side + above == joint)
+
+
 @dataclass(frozen=True)
 class Control:
     """A bone that is keyed. It turns rigidly with `joint`, while its parent is carried by the bone `carrier`.
@@ -26,7 +37,9 @@ class Control:
     carrier  the keyed bone that carries the bone's parent; None where the parent stays at rest or its rotation is not inherited
     anchor   the body joint beside which the bone stays, for a bone that is also moved; None for one that only turns
     lower    it is needed to place hips and legs
-    roll     share of the hand's roll that a twist bone of the forearm takes on top of the forearm's rotation
+    roll     share of a roll that a twist bone takes on top of its joint's rotation: of the hand's or the foot's in forearm and shin; in upper arm
+             and thigh of the joint's own, taken back (negative), as that must be less toward the shoulder and the hip
+    limbs    "fk" or "ik" of a control of those kinematics of a limb
     """
 
     bone: str
@@ -35,16 +48,27 @@ class Control:
     anchor: str | None
     lower: bool
     roll: float = 0.0
+    limbs: str = ""
+
+
+@dataclass(frozen=True)
+class Pole:
+    """A bone toward which the rig's own inverse kinematics bend a limb; `joint` is where that bends, its knee or elbow."""
+
+    bone: str
+    joint: str
+    lower: bool
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A custom property of a bone that the controls rely on, and the value that it must have."""
+    """A property of a bone, custom or its own, that the controls (with `limbs`: those of "fk" or "ik") rely on, and the value that it must have."""
 
     bone: str
     name: str
     value: float
     lower: bool
+    limbs: str = ""
 
 
 @dataclass(frozen=True)
@@ -57,6 +81,7 @@ class Mapping:
     parents   body joint -> the joint above it on this rig; None for the hips
     controls  the bones that are keyed, parents first
     settings  custom properties that are keyed with them
+    poles     what limbs bend toward if the rig's own inverse kinematics move them; none if those are not known
     root      the bone above all of them that may carry the way over the ground; None if the hips have nothing above them
     """
 
@@ -66,6 +91,7 @@ class Mapping:
     parents: dict[str, str | None]
     controls: tuple[Control, ...]
     settings: tuple[Setting, ...] = ()
+    poles: tuple[Pole, ...] = ()
     root: str | None = None
 
     @property

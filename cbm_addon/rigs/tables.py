@@ -3,13 +3,13 @@
     {
       "kind": "short name", "title": "name to show", "source": "where the names come from", "note": "what to be careful of",
       "joints": {"Hips": "pelvis", "LeftToe": ["toe_l", "ball_l"], …},   the bone of each joint; of several names the first that is there
-      "twists": {"LeftForeArm": ["lowerarm_twist_02_l", …]},             bones that share the roll of the hand, from the elbow to the wrist
+      "twists": {"LeftForeArm": ["lowerarm_twist_02_l", …]},             bones over which a limb spreads a roll, from its upper to its lower end
       "also": {"LeftToe": ["toe2-1.L", …]},                              further bones that turn as a joint's own bone does
       "root": "root"                                                     the bone that carries the way over the ground
     }
 
 `joints` are named as in motion/skeleton.py and FINGER_JOINTS of rigs/rig.py; all but `joints` may be left out. A rig whose mechanism hides
-which bones carry which has `parents`, `controls` and `settings` as well: the fields of Mapping, Control and Setting.
+which bones carry which has `parents`, `controls`, `settings` and `poles` as well: the fields of Mapping, Control, Setting and Pole.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from typing import Any
 from ..errors import InputError
 from ..motion.skeleton import BODY_JOINTS
 from ..outputs import replacing
-from .rig import FINGER_JOINTS, SIDES, Control, Mapping, Setting
+from .rig import FINGER_JOINTS, SIDES, Control, Mapping, Pole, Setting
 
 TABLES = Path(__file__).parent / "tables"
 JOINTS = (*BODY_JOINTS, *FINGER_JOINTS)
-TWISTED = tuple(f"{side}ForeArm" for side in SIDES)
+TWISTED = tuple(f"{side}{name}" for side in SIDES for name in ("Arm", "ForeArm", "UpLeg", "Leg"))
 
 Names = tuple[str, ...]
 
@@ -47,6 +47,7 @@ class Table:
     parents: dict[str, str] | None = None
     controls: tuple[Control, ...] = ()
     settings: tuple[Setting, ...] = ()
+    poles: tuple[Pole, ...] = ()
 
 
 @cache
@@ -81,9 +82,10 @@ def load_table(path: Path) -> Table:
             parents=content.get("parents"),
             controls=tuple(Control(**control) for control in content.get("controls", ())),
             settings=tuple(Setting(**setting) for setting in content.get("settings", ())),
+            poles=tuple(Pole(**pole) for pole in content.get("poles", ())),
         )
     except TypeError as error:
-        raise InputError(path, f"has a control or setting that is not complete ({error})") from None
+        raise InputError(path, f"has a control, setting or pole that is not complete ({error})") from None
 
 
 def save_map(path: Path, mapping: Mapping, overwrite: bool = False) -> None:
@@ -100,8 +102,9 @@ def save_map(path: Path, mapping: Mapping, overwrite: bool = False) -> None:
         content["root"] = _short(table.root)
     if table.controls:
         content |= {"parents": table.parents, "controls": [asdict(item) for item in table.controls]}
-    if table.settings:
-        content["settings"] = [asdict(item) for item in table.settings]
+    for key, items in (("settings", table.settings), ("poles", table.poles)):
+        if items:
+            content[key] = [asdict(item) for item in items]
     with replacing(path, overwrite) as temporary:
         temporary.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 

@@ -40,6 +40,11 @@ def pose_path(bone: str, attribute: str) -> str:
     return f'pose.bones["{bpy.utils.escape_identifier(bone)}"].{attribute}'
 
 
+def setting_path(bone: bpy.types.PoseBone, name: str) -> str:
+    """RNA path of a pose bone's custom property, or of its own property of that name."""
+    return f'{pose_path(bone.name, "")[:-1]}["{bpy.utils.escape_identifier(name)}"]' if name in bone else pose_path(bone.name, name)
+
+
 def location_channel(bone: bpy.types.PoseBone, locations: Array) -> Channel:
     """Locations [T, 3] in the bone's own space."""
     return Channel(pose_path(bone.name, "location"), locations, bone.name)
@@ -134,11 +139,21 @@ def _bend(points: bpy.types.FCurveKeyframePoints, keys: Array, leaving: Array, a
 def action_curves(obj: bpy.types.Object) -> list[bpy.types.FCurve]:
     """The curves that animate the object: those of its action, in its slot."""
     data = obj.animation_data
-    if data is None or data.action is None:
-        return []
-    if not hasattr(data.action, "slots"):
-        return list(data.action.fcurves)
-    bags = (strip.channelbag(data.action_slot) for layer in data.action.layers for strip in layer.strips if data.action_slot)
+    return _curves(data.action, getattr(data, "action_slot", None)) if data and data.action else []
+
+
+def animated_paths(obj: bpy.types.Object) -> set[str]:
+    """Paths of what its action and the strips of its NLA animate."""
+    tracks = obj.animation_data.nla_tracks if obj.animation_data else ()
+    strips = [strip for track in tracks for strip in track.strips if strip.action]
+    below = [curve for strip in strips for curve in _curves(strip.action, getattr(strip, "action_slot", None))]
+    return {curve.data_path for curve in (*action_curves(obj), *below)}
+
+
+def _curves(action: bpy.types.Action, slot: bpy.types.ActionSlot | None) -> list[bpy.types.FCurve]:
+    if not hasattr(action, "slots"):
+        return list(action.fcurves)
+    bags = (strip.channelbag(slot) for layer in action.layers for strip in layer.strips if slot)
     return [curve for bag in bags if bag for curve in bag.fcurves]
 
 

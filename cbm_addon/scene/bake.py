@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Literal
 
 import bpy
@@ -17,6 +18,7 @@ from ..motion.resample import frame_times
 from ..motion.rotations import Array
 from ..progress import Progress, part
 from ..rigs.body import RigBody, rig_body
+from ..rigs.limbs import Limbs, hinged, limb_settings, pole_poses, require_limbs, ways
 from ..rigs.pose import BonePose, bone_poses
 from ..rigs.rig import Rig
 from ..rigs.tables import Table
@@ -27,22 +29,37 @@ from ..solve.perform import SolveOptions, perform, sampled
 from ..takes.calibrate import Calibrated
 from ..takes.synthesize import TRACKED_JOINTS
 from ..takes.take import DEVICES
-from .action import Channel, location_channel, object_channels, pose_path, require_free, rotation_channel, scene_frames, scene_rate, write_action
+from .action import (
+    Channel,
+    animated_paths,
+    location_channel,
+    object_channels,
+    pose_path,
+    require_free,
+    rotation_channel,
+    scene_frames,
+    scene_rate,
+    setting_path,
+    write_action,
+)
+from .kept import PART, Kept, posed_at, reading_upper_body
 from .reduction import Reduction, ReductionReport, reducing_channels
 from .rig import read_rig, require_editable
 
 MEASURED_FRAMES = 120  # on how many frames the evaluated rig is compared with the trackers
 CLOSE = 0.01  # metres
-PART = "cbm_part"  # custom property of a baked action
+APART = 0.5  # head heights that an upper body which is kept may be from the take's
 
 
 @dataclass(frozen=True)
 class BakeOptions:
     """How a take is put on a rig.
 
-    part   "full", or "lower": hips and legs are keyed, the animation of the rest stays what it is
+    part   "full", or "lower": hips and legs follow the take. Where the rig is animated, head and wrists stay where that animation has them,
+           and what is between them and the hips is keyed to allow it; where it is not, hips and legs alone are keyed
     root   what carries the way over the ground: the hips, a bone above them, the armature's object, or nothing ("in-place")
     table  the user's map of the rig's bones; None recognises them
+    limbs  which kinematics of the limbs are keyed, of a rig that has both: "fk", "ik", or "both", which agree
     reduction  how much the keys may be thinned; None keys every frame
     fake_user  whether the new action is kept when nothing uses it
     push_down  whether the action that the armature had becomes a muted NLA track
@@ -52,6 +69,7 @@ class BakeOptions:
     solve: SolveOptions = field(default_factory=SolveOptions)
     root: Root = "hips"
     table: Table | None = None
+    limbs: Limbs = "fk"
     reduction: Reduction | None = None
     fake_user: bool = True
     push_down: bool = False
@@ -59,7 +77,7 @@ class BakeOptions:
 
 @dataclass(frozen=True)
 class TrackerError:
-    """How far a joint of the evaluated rig is from its tracker, over the frames that were measured."""
+    """How far a joint of the evaluated rig is from its tracker (part "lower": from where the animation had it), over the frames that were measured."""
 
     median_cm: float
     p95_cm: float
@@ -74,7 +92,7 @@ class BakeReport:
     scale              of the take, about the world origin, to the rig's size
     seconds            that the bake took (of several variations, its share), of which `frames_per_second` follows
     measured_frames    frames on which the evaluated rig was compared with the scaled trackers
-    tracker_errors     by device; empty when only the lower body was baked, or in place
+    tracker_errors     by device; empty in place, and of a lower body under no animation
     reduction          what was thinned, if that was asked for
     """
 
@@ -113,23 +131,32 @@ def bake_variations(
         raise InputError(options.root, "cannot carry the way of the lower body alone, since the upper body would follow; keep it on the hips")
     rig = read_rig(armature, options.table)
     require_carrier(armature, rig, options.root)
+    require_limbs(rig, options.limbs)
     solved = rig_body(rig)
     scale = take_scale(solved, calibrated)
-    made = []
+    times = frame_times(calibrated.take.times[0], calibrated.take.times[-1], scene_rate(scene))
+    frames = scene_frames(scene, times, scene.frame_start)
+    trackers = sampled(calibrated.take, times).positions * scale
+    kept = None
+    if options.part == "lower":
+        kept = yield from part(reading_upper_body(context, armature, rig, solved, frames), 0, 0.2)
+    if kept:
+        _require_together(armature, kept.positions, trackers, solved)
+        trackers = kept.positions
+    begin, made = 0.2 if kept else 0.0, []
     for i in range(count):
         solve = replace(options.solve, variation=options.solve.variation + i)
-        job = _animated(scene, armature, rig, solved, calibrated, model, replace(options, solve=solve))
-        made.append((solve.variation, *(yield from part(job, 0.95 * i / count, 0.95 * (i + 1) / count))))
+        job = _animated(scene, armature, rig, solved, calibrated, model, replace(options, solve=solve), kept)
+        start, end = (begin + (0.95 - begin) * share / count for share in (i, i + 1))
+        made.append((solve.variation, *(yield from part(job, start, end))))
     yield Progress(0.95, "writing keys")
     reports = []
-    for variation, times, channels, thinned in reversed(made):
-        frames = scene_frames(scene, times, scene.frame_start)
+    for variation, channels, thinned in reversed(made):
         action = _write(armature, f"{calibrated.take.name}_variation{variation}", frames, channels, options)
         measured, errors = np.empty(0), {}
-        if options.part == "full" and options.root != "in-place":
+        if (options.part == "full" or kept) and options.root != "in-place":
             measured = np.unique(np.linspace(0, len(frames) - 1, MEASURED_FRAMES).round().astype(int))
-            trackers = sampled(calibrated.take, times[measured]).positions * scale
-            errors = _tracker_errors(context, armature, rig, frames[measured], trackers)
+            errors = _tracker_errors(context, armature, rig, frames[measured], trackers[measured])
         seconds = (time.perf_counter() - started) / count
         report = BakeReport(action.name, variation, len(frames), scene_rate(scene), scale, seconds, len(frames) / seconds, len(measured), errors, thinned)
         reports.insert(0, report)
@@ -137,16 +164,23 @@ def bake_variations(
 
 
 def _animated(
-    scene: bpy.types.Scene, armature: bpy.types.Object, rig: Rig, solved: RigBody, calibrated: Calibrated, model: Model, options: BakeOptions
-) -> Generator[Progress, None, tuple[np.ndarray, list[Channel], ReductionReport | None]]:
-    """Seconds [T], the channels that a take becomes, and what was thinned of them."""
+    scene: bpy.types.Scene,
+    armature: bpy.types.Object,
+    rig: Rig,
+    solved: RigBody,
+    calibrated: Calibrated,
+    model: Model,
+    options: BakeOptions,
+    kept: Kept | None,
+) -> Generator[Progress, None, tuple[list[Channel], ReductionReport | None]]:
+    """The channels that a take becomes, and what was thinned of them; `kept` is an upper body that stays."""
     share = 0.6 if options.reduction else 1.0
-    motion = yield from part(solve_on_rig(solved, calibrated, model, options.solve, scene_rate(scene)), 0, share)
-    channels, thinned = list(rig_channels(armature, rig, solved, motion, options.part, options.root)), None
+    motion = yield from part(solve_on_rig(solved, calibrated, model, options.solve, scene_rate(scene), kept), 0, share)
+    channels, thinned = list(rig_channels(armature, rig, solved, motion, "full" if kept else options.part, options.root, options.limbs)), None
     if options.reduction:
         scale = take_scale(solved, calibrated)
         channels, thinned = yield from part(reducing_channels(armature, rig, motion, channels, options.reduction, scale), share, 1)
-    return motion.times, channels, thinned
+    return channels, thinned
 
 
 def take_scale(solved: RigBody, calibrated: Calibrated) -> float:
@@ -154,8 +188,10 @@ def take_scale(solved: RigBody, calibrated: Calibrated) -> float:
     return (solved.body.height_above_toes("Head") + solved.sole) / calibrated.calibration.head_height
 
 
-def solve_on_rig(solved: RigBody, calibrated: Calibrated, model: Model, options: SolveOptions, rate: float) -> Generator[Progress, None, Motion]:
-    """The motion of the rig's body at a steady rate, in world units.
+def solve_on_rig(
+    solved: RigBody, calibrated: Calibrated, model: Model, options: SolveOptions, rate: float, kept: Kept | None = None
+) -> Generator[Progress, None, Motion]:
+    """The motion of the rig's body at a steady rate, in world units; `kept` is an upper body that it must have at the frames of that rate.
 
     It is solved at the performer's size, where the engine's centimetres mean what they say, and then scaled.
     """
@@ -163,8 +199,24 @@ def solve_on_rig(solved: RigBody, calibrated: Calibrated, model: Model, options:
     scale = take_scale(solved, calibrated)
     performance = yield from part(perform(take, head_height, model, options), 0, 0.6)
     times = frame_times(take.times[0], take.times[-1], rate)
-    motion = yield from part(fusing(performance, take, times, solved.body.scaled(1 / scale), solved.sole / scale), 0.6, 1)
+    if kept:
+        at = sampled(take, times)
+        take = replace(
+            at,
+            positions=kept.positions / np.float32(scale),
+            rotations=kept.rotations[:, solved.body.indices(TRACKED_JOINTS)],
+            tracked=np.ones_like(at.tracked),
+        )
+    job = fusing(performance, take, times, solved.body.scaled(1 / scale), solved.sole / scale, kept.rotations if kept else None)
+    motion = yield from part(job, 0.6, 1)
     return replace(motion, skeleton=solved.body, root=motion.root * np.float32(scale))
+
+
+def _require_together(armature: bpy.types.Object, kept: Array, trackers: Array, solved: RigBody) -> None:
+    """InputError if an upper body [T, 3, 3] is elsewhere than the trackers whose legs it is to get."""
+    apart = float(np.median(np.linalg.norm(kept[:, 0, :2] - trackers[:, 0, :2], axis=-1)))
+    if apart > APART * solved.body.height_above_toes("Head"):
+        raise InputError(armature.name, f"its animation has the head {apart:.1f} m from where the take has it; bring the two together, or bake the full body")
 
 
 def require_carrier(armature: bpy.types.Object, rig: Rig, root: Root) -> None:
@@ -175,34 +227,40 @@ def require_carrier(armature: bpy.types.Object, rig: Rig, root: Root) -> None:
         require_free(armature)
 
 
-def rig_channels(armature: bpy.types.Object, rig: Rig, solved: RigBody, motion: Motion, part: str = "full", root: Root = "hips") -> Iterator[Channel]:
+def rig_channels(
+    armature: bpy.types.Object, rig: Rig, solved: RigBody, motion: Motion, part: str = "full", root: Root = "hips", limbs: Limbs = "fk"
+) -> Iterator[Channel]:
     """The curves that make the rig do a motion of its own body, and the switches that they rely on."""
+    animated = animated_paths(armature)
     if root != "hips":
         way = way_over_ground(rig, solved, motion, root)
         motion = without_way(motion, way)
         if root == "bone":
-            yield from _bone_channels(armature, root_pose(rig, way))
+            yield from _bone_channels(armature, root_pose(rig, way), animated)
         elif root == "object":
             yield from object_channels(armature, object_matrices(rig, way))
-    for pose in bone_poses(rig, solved, motion):
+    if limbs != "fk":
+        motion = hinged(rig, solved, motion)
+    for pose in chain(bone_poses(rig, solved, motion, ways(limbs)), pole_poses(rig, solved, motion) if limbs != "fk" else ()):
         if part == "full" or pose.lower:
-            yield from _bone_channels(armature, pose)
-    for setting in rig.mapping.settings:
-        if (part == "full" or setting.lower) and setting.name in armature.pose.bones[setting.bone]:
-            bone, name = (bpy.utils.escape_identifier(text) for text in (setting.bone, setting.name))
-            yield Channel(f'pose.bones["{bone}"]["{name}"]', np.full((len(motion), 1), setting.value), setting.bone)
+            yield from _bone_channels(armature, pose, animated)
+    for setting in limb_settings(rig, limbs):
+        bone = armature.pose.bones[setting.bone]
+        if (part == "full" or setting.lower) and (setting.name in bone or hasattr(bone, setting.name)):
+            yield Channel(setting_path(bone, setting.name), np.full((len(motion), 1), setting.value), setting.bone)
 
 
-def _bone_channels(armature: bpy.types.Object, pose: BonePose) -> Iterator[Channel]:
-    """The curves of one bone. What an earlier action has left of a location or a scale is keyed away: it would displace the bones below."""
+def _bone_channels(armature: bpy.types.Object, pose: BonePose, animated: set[str]) -> Iterator[Channel]:
+    """The curves of one bone. What an earlier action has left of a location or a scale, or gives it from below (`animated` paths), is keyed
+    away: it would displace the bones below."""
     bone = armature.pose.bones[pose.bone]
     rest = np.zeros((len(pose.rotation), 3))
     yield rotation_channel(bone, pose.rotation)
     if pose.location is not None:
         yield location_channel(bone, pose.location)
-    elif bone.location.length > 0:
+    elif bone.location.length > 0 or pose_path(bone.name, "location") in animated:
         yield location_channel(bone, rest)
-    if (bone.scale - mathutils.Vector((1, 1, 1))).length > 0:
+    if (bone.scale - mathutils.Vector((1, 1, 1))).length > 0 or pose_path(bone.name, "scale") in animated:
         yield Channel(pose_path(bone.name, "scale"), rest + 1, bone.name)
 
 
@@ -250,19 +308,10 @@ def _play_below(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.ty
 
 
 def _tracker_errors(context: bpy.types.Context, armature: bpy.types.Object, rig: Rig, frames: np.ndarray, trackers: Array) -> dict[str, TrackerError]:
-    """Compares the evaluated bones with tracker positions [N, 3, 3] at frames [N]; the scene's frame is put back."""
+    """Compares the evaluated bones with tracker positions [N, 3, 3] at frames [N]."""
     bones = [rig.mapping.joints[joint] for joint in TRACKED_JOINTS]
-    distances = np.empty((len(frames), len(bones)))
-    scene = context.scene
-    frame, subframe = scene.frame_current, scene.frame_subframe
-    try:
-        for i, at in enumerate(frames):
-            scene.frame_set(int(at // 1), subframe=float(at % 1))
-            evaluated = armature.evaluated_get(context.evaluated_depsgraph_get())
-            heads = [evaluated.matrix_world @ evaluated.pose.bones[bone].head for bone in bones]
-            distances[i] = np.linalg.norm(np.array(heads) - trackers[i], axis=-1)
-    finally:
-        scene.frame_set(frame, subframe=subframe)
+    heads = [[posed.matrix_world @ posed.pose.bones[bone].head for bone in bones] for posed in posed_at(context, armature, frames)]
+    distances = np.linalg.norm(np.array(heads) - trackers, axis=-1)
     return {
         device: TrackerError(
             median_cm=float(100 * np.median(values)),

@@ -15,6 +15,7 @@ from ..motion.bvh import read_bvh_file
 from ..motion.motion import Motion, local_rotations
 from ..motion.resample import frame_times, resample
 from ..motion.rotations import Array, continuous, normalize, rotate
+from ..rigs.limbs import Limbs, require_limbs
 from ..rigs.retarget import Retargeted, retarget, source_rig
 from ..rigs.rig import Rig
 from ..rigs.tables import Table
@@ -45,11 +46,13 @@ def import_mocap(
     frame_start: int,
     table: Table | None = None,
     root: Root = "hips",
+    limbs: Limbs = "fk",
 ) -> list[Imported]:
     """Puts the motion of each file on `armature`, or on a new armature of its own, as a new action named after the file.
 
     Bones of an armature that has the names of all the file's joints do what the joints do. On any other armature that is a body the motion
-    is retargeted; `table` is the user's map of its bones, `root` what carries the way over the ground (rigs/travel.py). Keys lie on whole
+    is retargeted; `table` is the user's map of its bones, `root` what carries the way over the ground (rigs/travel.py), `limbs` which kinematics
+    of the limbs are keyed (rigs/limbs.py). Keys lie on whole
     frames of the scene, whose rate stays what it is: a second of the file is a second of the scene. InputError before anything has
     changed, if a file is not sound or does not fit the armature.
     """
@@ -60,15 +63,17 @@ def import_mocap(
     for path, (motion, notes) in zip(paths, read, strict=True):
         motion = _at_rate(motion, scene_rate(context.scene))
         obj = armature or new_armature(context, path.stem, motion.skeleton)
-        channels, done = _channels(obj, path.stem, motion, table, root) if armature else (pose_channels(obj, motion), ())
+        channels, done = _channels(obj, path.stem, motion, table, root, limbs) if armature else (pose_channels(obj, motion), ())
         prepared.append((path.stem, obj, scene_frames(context.scene, motion.times, frame_start), channels, (*notes, *done)))
     return [Imported(obj, write_action(obj, name, frames, channels), notes) for name, obj, frames, channels, notes in prepared]
 
 
-def _channels(armature: bpy.types.Object, name: str, motion: Motion, table: Table | None, root: Root) -> tuple[Iterable[Channel], tuple[str, ...]]:
+def _channels(
+    armature: bpy.types.Object, name: str, motion: Motion, table: Table | None, root: Root, limbs: Limbs
+) -> tuple[Iterable[Channel], tuple[str, ...]]:
     """The curves of a motion on an existing armature, and how they were found."""
     named = match_names([bone.name for bone in armature.data.bones], motion.skeleton.names)
-    plain = table is None and root == "hips"
+    plain = table is None and root == "hips" and limbs == "fk"
     if plain and len(named) == len(motion.skeleton):
         return pose_channels(armature, motion), ()
     try:
@@ -79,14 +84,15 @@ def _channels(armature: bpy.types.Object, name: str, motion: Motion, table: Tabl
             raise
         return pose_channels(armature, motion), (f"{len(named)} bones follow the joints of their name; the others are left alone",)
     require_carrier(armature, target, root)
+    require_limbs(target, limbs)
     titles = source.mapping.table.title, target.mapping.table.title
-    return _retargeted(armature, motion_at_rest, source, target, root), (f"retargeted from {titles[0]} to {titles[1]}",)
+    return _retargeted(armature, motion_at_rest, source, target, root, limbs), (f"retargeted from {titles[0]} to {titles[1]}",)
 
 
-def _retargeted(armature: bpy.types.Object, motion: Motion, source: Rig, target: Rig, root: Root) -> Iterator[Channel]:
+def _retargeted(armature: bpy.types.Object, motion: Motion, source: Rig, target: Rig, root: Root, limbs: Limbs) -> Iterator[Channel]:
     """Lazily, since hundreds of files may wait to be written."""
     moved = retarget(motion, source, target)
-    yield from rig_channels(armature, target, moved.solved, meet_ankles(moved), root=root)
+    yield from rig_channels(armature, target, moved.solved, meet_ankles(moved), root=root, limbs=limbs)
 
 
 def meet_ankles(moved: Retargeted) -> Motion:

@@ -17,12 +17,13 @@ from ..motion.skeleton import STANDARD_BODY, Skeleton
 from ..progress import Job, Progress, part, run
 from ..takes.take import DEVICES, Take
 from .foot_lock import contact_states, lock_causally, solve_paths, without_blips
-from .ik import aim, bend_chain, clamp_reach, turned_toward, two_bone
+from .ik import REACH, aim, bend_chain, clamp_reach, turned_toward, two_bone
 from .perform import sampled
 from .performance import Performance
 
 SHOULDER_LIMIT = np.radians(30)  # how far a shoulder may follow a hand that the arm does not reach
 CHEST_LIMIT = np.radians(60)  # and the chest, where the shoulder is not enough
+HEEL_LIMIT = np.radians(45)  # how far a foot may rise over its toes where the leg is too short
 REACHING = 20  # steps in which the chest follows
 RELEASE = 0.15  # seconds in which a causal foot lock lets go by half
 LOCK_LIMIT = 0.1  # head heights from its path at which a causal lock gives up
@@ -35,11 +36,12 @@ def fuse(performance: Performance, take: Take, times: np.ndarray, body: Skeleton
     return run(fusing(performance, take, times, body, sole))
 
 
-def fusing(performance: Performance, take: Take, times: np.ndarray, body: Skeleton, sole: float = 0.0) -> Job[Motion]:
+def fusing(performance: Performance, take: Take, times: np.ndarray, body: Skeleton, sole: float = 0.0, upper: Array | None = None) -> Job[Motion]:
     """The motion [T] of `body` at `times`.
 
     take  calibrated (joint poses, metres); its trackers are scaled uniformly about the world origin to the body's standing head height
     sole  metres: height of the body's toe joints (of its ankles, if it has no toes) above the floor when it stands
+    upper  world rotations [T, J, 4] of the body's joints: those of the upper body are used instead of the predicted ones
     """
     scale = np.float32((body.height_above_toes("Head") + sole) / performance.head_height)
     trackers = sampled(take, times)
@@ -47,6 +49,9 @@ def fusing(performance: Performance, take: Take, times: np.ndarray, body: Skelet
     performance = performance.at(times)
     unit = scale * np.float32(performance.head_height)
     world = world_rotations(body, performance)
+    if upper is not None:
+        above = [i for i, name in enumerate(body.names) if name not in LOWER_JOINTS]
+        world[:, above] = upper[:, above]
     rate = 1 / float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     yield Progress(0.1, "planting feet")
     ankles = _plant_feet(body, performance, world, unit, rate, sole)
@@ -54,6 +59,7 @@ def fusing(performance: Performance, take: Take, times: np.ndarray, body: Skelet
     yield Progress(0.3, "meeting the headset")
     hips = _meet_head(body, world, hips, *targets["head"])
     hips = yield from part(_follow_hands(body, world, hips, targets), 0.4, 0.8)
+    world = normalize(world)  # after hundreds of small turns
     yield Progress(0.8, "meeting the controllers")
     for side in ("Left", "Right"):
         _meet_hand(body, world, hips, side, *targets[side.lower()])
@@ -211,9 +217,18 @@ def _meet_hand(body: Skeleton, world: Array, hips: Array, side: str, wrist: Arra
 
 
 def _meet_ankle(body: Skeleton, world: Array, hips: Array, side: str, ankle: Array) -> None:
-    """Bends a leg in `world` so that the ankle is at `ankle`; the foot keeps its rotation."""
+    """Bends a leg in `world` so that the ankle is at `ankle`. Where the leg is too short for that, the heel comes up over toes that stay where
+    they are, instead of the whole foot being drawn away."""
     joints = body.index(f"{side}UpLeg"), body.index(f"{side}Leg"), body.index(f"{side}Foot")
     socket = _positions(body, world, hips, body.chain("Hips", f"{side}UpLeg"))
+    if f"{side}Toe" in body:
+        foot, offset = joints[2], body.offsets[body.index(f"{side}Toe")]
+        leg = float(np.linalg.norm(body.offsets[[*joints[1:]]], axis=-1).sum()) * REACH
+        toe = ankle + rotate(world[:, foot], offset)
+        lifted = two_bone(socket, toe, leg, float(np.linalg.norm(offset)), ankle - socket)
+        short = np.linalg.norm(ankle - socket, axis=-1) > leg
+        ankle = np.where(short[:, None], lifted, ankle)
+        world[short, foot] = turned_toward(world[short, foot], offset, (toe - ankle)[short], HEEL_LIMIT)
     _bend_limb(body, world, joints, socket, ankle, FORWARD)
 
 

@@ -114,6 +114,19 @@ def test_planted_feet_stand_still_though_they_were_predicted_to_slide(body_motio
     assert np.percentile(speed[inside], 90) < 0.08
 
 
+def test_where_legs_are_too_short_heels_rise_over_toes_that_stay_planted(body_motion: Motion) -> None:
+    """A headset 4 cm higher than legs and spine reach draws no foot away from where it stands."""
+    truth, take = true_performance(body_motion), synthesize(body_motion)
+    high = replace(take, positions=take.positions + np.array([0, 0, 0.04], np.float32))
+    body = body_motion.skeleton
+    solved, stood = (fuse(truth, trackers, body_motion.times, body).positions() for trackers in (high, take))
+    toes, heels = body.indices(["LeftToe", "RightToe"]), body.indices(["LeftFoot", "RightFoot"])
+    contact = truth.contacts[:, [1, 3]] > 0.5
+    np.testing.assert_allclose(solved[:, toes][contact], stood[:, toes][contact], atol=0.002)
+    assert (solved[:, heels, 2] - stood[:, heels, 2])[contact].max() > 0.02
+    np.testing.assert_allclose(solved[:, body.index("Head")], high.positions[:, 0], atol=1e-4)
+
+
 def test_a_causal_performance_gives_frames_that_do_not_depend_on_later_ones(body_motion: Motion) -> None:
     take = synthesize(body_motion)
     performance = true_performance(body_motion, causal=True)

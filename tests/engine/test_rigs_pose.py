@@ -20,7 +20,7 @@ from cbm_addon.motion.rotations import (
     quat_from_rotvec,
 )
 from cbm_addon.motion.skeleton import STANDARD_BODY
-from cbm_addon.rigs.body import OUTWARD, rig_body
+from cbm_addon.rigs.body import DOWN, OUTWARD, rig_body
 from cbm_addon.rigs.pose import bone_poses, rotation_values
 from cbm_addon.rigs.recognize import recognized
 from cbm_addon.rigs.rig import FINGER_JOINTS, Bones, Rig
@@ -140,7 +140,7 @@ def test_twist_bones_share_the_roll_of_the_hand(name):
         twist = quat_from_rotvec(roll[:, None] * OUTWARD[side])
         motion.rotations[:, solved.body.index(f"{side}Hand")] = multiply(twist, quat_from_rotvec(turns))
     matrices = assert_bones_follow(rig, solved, motion)
-    twists = [control for control in rig.mapping.controls if control.roll]
+    twists = [control for control in rig.mapping.controls if control.roll and control.joint.endswith("ForeArm")]
     assert twists
     for control in twists:
         forearm = rig.mapping.joints[control.joint]
@@ -148,6 +148,28 @@ def test_twist_bones_share_the_roll_of_the_hand(name):
         rest_own, rest_limb = rig.rest_rotation(control.bone), rig.rest_rotation(forearm)
         turned = multiply(multiply(inverse(rest_limb), rest_own), inverse(multiply(inverse(limb), own)))
         np.testing.assert_allclose(2 * np.arccos(np.clip(np.abs(turned[:, 0]), -1, 1)), control.roll * np.abs(roll), atol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["Unreal 4", "Unreal 5", "Character Creator", "Daz Genesis 9", "MakeHuman default", "Auto-Rig Pro export"])
+@pytest.mark.parametrize(("rolled", "spread"), [("Arm", "Arm"), ("UpLeg", "UpLeg"), ("Foot", "Leg")])
+def test_upper_arms_and_legs_spread_their_roll(name, rolled, spread):
+    """A joint that only rolls: the farther a twist bone is from the end that stays, the more it turns; what is below the limb stays exact."""
+    rig = recognized(bones_at_rest(next(sample for sample in SAMPLE_RIGS if sample.name == name), "T"))
+    solved = rig_body(rig)
+    roll = np.linspace(-1.2, 1.2, 13)
+    rotations = np.tile(np.array([1.0, 0, 0, 0]), (len(roll), len(solved.body), 1))
+    for side in ("Left", "Right"):
+        rotations[:, solved.body.index(side + rolled)] = quat_from_rotvec(roll[:, None] * (OUTWARD[side] if rolled == "Arm" else DOWN))
+    matrices = assert_bones_follow(rig, solved, Motion(solved.body, np.arange(len(roll)) / 30, np.zeros((len(roll), 3)), rotations))
+    found = [control for control in rig.mapping.controls if control.roll and control.joint in ("Left" + spread, "Right" + spread)]
+    without = ("Daz Genesis 9",) if spread == "Leg" else ("MakeHuman default", "Auto-Rig Pro export")  # whose twist bones there carry the limb
+    assert bool(found) == (name not in without)
+    for control in found:
+        own = multiply(quat_from_matrix(matrices[:, rig.index(control.bone), :3, :3]), inverse(rig.rest_rotation(control.bone)))
+        still = multiply(own, inverse(own[len(roll) // 2]))
+        share = control.roll if spread == "Leg" else 1 + control.roll
+        assert 0 < share < 1
+        np.testing.assert_allclose(2 * np.arccos(np.clip(np.abs(still[:, 0]), -1, 1)), share * np.abs(roll), atol=2e-3)
 
 
 def test_toes_that_have_a_bone_each_turn_together():

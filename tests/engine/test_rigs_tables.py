@@ -61,7 +61,7 @@ def test_a_map_is_not_written_over(tmp_path):
         ('{"joints": "all"}', 'an object with "joints"'),
         ('{"joints": {"Tail": "tail"}}', "the joint Tail, which no body has"),
         ('{"joints": {"Hips": 3}}', "names a bone 3"),
-        ('{"joints": {"Hips": "hips"}, "twists": {"LeftLeg": ["a"]}}', "the twist LeftLeg"),
+        ('{"joints": {"Hips": "hips"}, "twists": {"LeftFoot": ["a"]}}', "the twist LeftFoot"),
         ('{"joints": {"Hips": "hips"}, "controls": [{"bone": "a"}]}', "not complete"),
     ],
 )

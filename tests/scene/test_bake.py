@@ -8,13 +8,15 @@ import bpy
 import numpy as np
 import pytest
 
+from cbm_addon.errors import InputError
 from cbm_addon.motion.contacts import contact_labels
+from cbm_addon.motion.rotations import multiply, quat_from_rotvec
 from cbm_addon.motion.skeleton import BODY_JOINTS
 from cbm_addon.progress import run
 from cbm_addon.rigs.body import rig_body
 from cbm_addon.rigs.transfer import transfer
-from cbm_addon.scene.action import action_curves, write_action
-from cbm_addon.scene.bake import BakeOptions, BakeReport, bake, rig_channels
+from cbm_addon.scene.action import action_curves, rotation_channel, write_action
+from cbm_addon.scene.bake import BakeOptions, BakeReport, bake, rig_channels, take_scale
 from cbm_addon.scene.rig import read_rig
 from cbm_addon.solve.models import load_model
 from cbm_addon.solve.perform import SolveOptions, sampled
@@ -24,6 +26,8 @@ from cbm_addon.takes.take import Take
 
 SECONDS = 3.0
 UPPER = ("chest", "spine_fk.002", "neck", "head", "upper_arm_fk.L", "forearm_fk.R", "hand_fk.L")
+FINGER = ("f_index.01.L",)
+FRAMES_OF_A_WALK = (1, 13, 30, 55, 72)
 LEGS = ("ORG-thigh.L", "ORG-shin.L", "ORG-foot.L", "ORG-thigh.R", "ORG-shin.R", "ORG-foot.R")
 
 
@@ -99,6 +103,19 @@ def test_seconds_stay_seconds_at_the_rate_of_the_scene(metarig, model, calibrate
     assert (action.frame_range[1] - 101) / report.fps == pytest.approx(calibrated.take.seconds, abs=1 / report.fps)
 
 
+def test_a_take_of_90_hz_in_a_scene_of_24_fps_goes_on_beyond_the_scenes_end(metarig, model):
+    """Ends are the take's and not the scene's; between its samples the take is where it would have been."""
+    take = sampled(sample_take(), np.arange(0, 11, 1 / 90))
+    scene = bpy.context.scene
+    scene.render.fps, scene.frame_start, scene.frame_end = 24, 1, 250
+    report = bake_on(metarig, calibrate(take), model)
+    assert (scene.frame_start, scene.frame_end, scene.render.fps) == (1, 250, 24)
+    assert bpy.data.actions[report.action].frame_range[1] == 1 + 24 * 11 - 1
+    frames = np.array([2, 100, 251, 263])
+    trackers = sampled(calibrate(take).take, (frames - 1) / 24).positions[:, 0] * report.scale
+    np.testing.assert_allclose(heads_at(metarig, frames, ("spine.006",))[:, 0], trackers, atol=1e-3)
+
+
 def test_only_an_action_is_added(human, model, calibrated):
     human.pose.bones["jaw_master"].location = (0, 0.01, 0)
     scene = bpy.context.scene
@@ -111,8 +128,9 @@ def test_only_an_action_is_added(human, model, calibrated):
     assert [action.name for action in bpy.data.actions] == [report.action] == ["walk_variation0"]
     assert human.pose.bones["jaw_master"].location.y == pytest.approx(0.01)
     rig = read_rig(human)
-    body = [control.bone for control in rig.mapping.controls if control.joint in BODY_JOINTS]  # a take knows nothing of fingers
-    assert keyed_bones(human) == {*body, *(setting.bone for setting in rig.mapping.settings)}
+    controls = [control for control in rig.mapping.controls if control.limbs != "ik"]
+    body = [control.bone for control in controls if control.joint in BODY_JOINTS]  # a take knows nothing of fingers
+    assert keyed_bones(human) == {*body, *(setting.bone for setting in rig.mapping.settings if setting.limbs != "ik")}
     assert not [curve for curve in action_curves(human) if curve.data_path.endswith("scale")]
 
 
@@ -136,38 +154,101 @@ def test_variations_differ_and_the_same_variation_does_not(metarig, model, calib
     assert np.abs(feet[0] - feet[1]).max() > 0.01
 
 
-def an_animators_action(armature: bpy.types.Object) -> bpy.types.Action:
-    """Keys on the whole body, legs and hips too, at other frames than the take's."""
+def an_animators_action(armature: bpy.types.Object, calibrated: Calibrated) -> bpy.types.Action:
+    """Keys on the whole body, legs, hips and a finger too, at other frames than the take's: another performer's walk where the take walks."""
     rig = read_rig(armature)
     solved = rig_body(rig)
-    motion = transfer(sample_motion(), solved.body)
-    pieces = replace(motion, times=motion.times[:40], root=motion.root[1500:1540], rotations=motion.rotations[1500:1540])
-    return write_action(armature, "animator", 10 + 2.0 * np.arange(40), list(rig_channels(armature, rig, solved, pieces)), fake_user=False)
+    own = sample_motion()
+    frames = np.searchsorted(own.times, 2 + np.linspace(0, SECONDS, 40))
+    scale = take_scale(solved, calibrated)
+    motion = transfer(replace(own, times=own.times[frames], root=own.root[frames], rotations=own.rotations[frames]), solved.body, scale)
+    lean = multiply(quat_from_rotvec(np.array([0, 0, 0.3])), motion.rotations[:, 0])  # not quite the take's
+    motion = replace(motion, root=motion.root + np.array([0.05, 0.02, -0.03], np.float32), rotations=motion.rotations.copy())
+    motion.rotations[:, 0] = lean
+    channels = list(rig_channels(armature, rig, solved, motion))
+    turns = quat_from_rotvec(np.linspace(0, 1, 40)[:, None] * np.array([[1.0, 0, 0]]))
+    channels.append(rotation_channel(armature.pose.bones[FINGER[0]], turns))
+    return write_action(armature, "animator", 10 + 1.5 * np.arange(40), channels, fake_user=False)
 
 
-def test_the_lower_part_leaves_an_upper_body_animation_alone(human, model, calibrated):
-    frames = (1, 13, 30, 55, 72)
+def tracked_at(armature: bpy.types.Object, frames: tuple[int, ...]) -> np.ndarray:
+    """World matrices [T, 3, 4, 4] of the evaluated bones of head and wrists."""
+    rig = read_rig(armature)
+    bones = [rig.mapping.joints[name] for name in ("Head", "LeftHand", "RightHand")]
+    matrices = []
+    for frame in frames:
+        bpy.context.scene.frame_set(frame)
+        posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        matrices.append([np.array(posed.matrix_world @ posed.pose.bones[bone].matrix) for bone in bones])
+    return np.array(matrices)
+
+
+@pytest.mark.parametrize("rig", ["human", "metarig"])
+def test_the_lower_part_keeps_head_and_wrists_of_an_animation_where_they_were(request, model, calibrated, rig):
+    armature = request.getfixturevalue(rig)
+    action = an_animators_action(armature, calibrated)
+    before = tracked_at(armature, FRAMES_OF_A_WALK)
+    hips = heads_at(armature, np.array(FRAMES_OF_A_WALK), (read_rig(armature).mapping.joints["Hips"],))
+    fingers = [pose_at(armature, frame, FINGER) for frame in FRAMES_OF_A_WALK]
+    curves = [(curve.data_path, curve.array_index, len(curve.keyframe_points)) for curve in action_curves(armature)]
+    report = bake_on(armature, calibrated, model, part="lower")
+    after = tracked_at(armature, FRAMES_OF_A_WALK)
+    np.testing.assert_allclose(after[:, 0, :3, 3], before[:, 0, :3, 3], atol=1e-3)
+    np.testing.assert_allclose(after[:, 1:, :3, 3], before[:, 1:, :3, 3], atol=5e-3)  # an arm that was stretched may now be too short by this
+    np.testing.assert_allclose(after[..., :3, :3], before[..., :3, :3], atol=0.01)
+    assert max(error.median_cm for error in report.tracker_errors.values()) < 0.1
+    assert np.linalg.norm(heads_at(armature, np.array(FRAMES_OF_A_WALK), (read_rig(armature).mapping.joints["Hips"],)) - hips, axis=-1).max() > 0.01
+    for frame, expected in zip(FRAMES_OF_A_WALK, fingers, strict=True):
+        np.testing.assert_allclose(pose_at(armature, frame, FINGER), expected, atol=1e-6)
+    assert not keyed_bones(armature) & set(FINGER)
+    armature.animation_data.action = action
+    assert [(curve.data_path, curve.array_index, len(curve.keyframe_points)) for curve in action_curves(armature)] == curves
+
+
+def test_the_lower_part_goes_where_the_take_goes(metarig, model, calibrated):
+    """Feet are those of a full bake of the same take, as far as the legs reach from where the upper body is."""
+    bake_on(metarig, calibrated, model)
+    full = heads_at(metarig, np.array(FRAMES_OF_A_WALK), ("foot.L", "foot.R"))
+    an_animators_action(metarig, calibrated)
+    bake_on(metarig, calibrated, model, part="lower")
+    apart = np.linalg.norm(heads_at(metarig, np.array(FRAMES_OF_A_WALK), ("foot.L", "foot.R")) - full, axis=-1)
+    assert np.median(apart) < 0.01
+
+
+def test_the_lower_part_of_a_rig_without_an_animation_keys_hips_and_legs_alone(human, model, calibrated):
     bake_on(human, calibrated, model)
-    legs_of_a_full_bake = heads_at(human, np.array(frames), LEGS)
-    action = an_animators_action(human)
-    before = [pose_at(human, frame, UPPER) for frame in frames]
-    curves = [(curve.data_path, curve.array_index, len(curve.keyframe_points)) for curve in action_curves(human)]
+    legs = heads_at(human, np.array(FRAMES_OF_A_WALK), LEGS)
+    human.animation_data.action = None
+    for bone in human.pose.bones:
+        bone.matrix_basis.identity()
     report = bake_on(human, calibrated, model, part="lower")
-    for frame, expected in zip(frames, before, strict=True):
-        np.testing.assert_allclose(pose_at(human, frame, UPPER), expected, atol=1e-6)
-    np.testing.assert_allclose(heads_at(human, np.array(frames), LEGS), legs_of_a_full_bake, atol=1e-4)
+    np.testing.assert_allclose(heads_at(human, np.array(FRAMES_OF_A_WALK), LEGS), legs, atol=1e-4)
     rig = read_rig(human)
-    assert keyed_bones(human) == {item.bone for item in (*rig.mapping.controls, *rig.mapping.settings) if item.lower}
+    assert keyed_bones(human) == {item.bone for item in (*rig.mapping.controls, *rig.mapping.settings) if item.lower and item.limbs != "ik"}
     assert not keyed_bones(human) & set(UPPER)
     assert report.tracker_errors == {}
-    human.animation_data.action = action
-    assert [(curve.data_path, curve.array_index, len(curve.keyframe_points)) for curve in action_curves(human)] == curves
+
+
+def test_a_lower_part_under_an_animation_that_is_elsewhere_is_refused(metarig, model, calibrated):
+    action = an_animators_action(metarig, calibrated)
+    for curve in action_curves(metarig):
+        if curve.data_path == 'pose.bones["spine"].location' and curve.array_index == 0:
+            for point in curve.keyframe_points:
+                point.co[1] += 4
+            curve.update()
+    with pytest.raises(InputError, match=r"metarig: its animation has the head 4\.\d m from where the take has it") as error:
+        bake_on(metarig, calibrated, model, part="lower")
+    assert "\n" not in str(error.value)
+    assert metarig.animation_data.action == action
+    assert list(bpy.data.actions) == [action]
 
 
 def test_a_second_lower_part_takes_the_place_of_the_first(metarig, model, calibrated):
-    an_animators_action(metarig)
+    an_animators_action(metarig, calibrated)
+    before = tracked_at(metarig, FRAMES_OF_A_WALK)
     for variation in (0, 1):
         bake_on(metarig, calibrated, model, part="lower", variation=variation)
+    np.testing.assert_allclose(tracked_at(metarig, FRAMES_OF_A_WALK)[..., :3, 3], before[..., :3, 3], atol=5e-3)
     strips = [strip.action.name for track in metarig.animation_data.nla_tracks for strip in track.strips]
     assert strips == ["animator"]
     assert metarig.animation_data.action.name == "walk_variation1"

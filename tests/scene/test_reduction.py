@@ -38,12 +38,14 @@ def a_walk(solved: RigBody) -> Motion:
     return replace(motion, times=np.arange(FRAMES) / RATE, root=motion.root[frames], rotations=motion.rotations[frames])
 
 
-def thinned(armature: bpy.types.Object, reduction: Reduction, part: str = "full", root: str = "hips") -> tuple[Rig, Motion, list[Channel], ReductionReport]:
+def thinned(
+    armature: bpy.types.Object, reduction: Reduction, part: str = "full", root: str = "hips", limbs: str = "fk"
+) -> tuple[Rig, Motion, list[Channel], ReductionReport]:
     """Writes an action of a walk with fewer keys; returns the walk and its dense channels."""
     rig = read_rig(armature)
     solved = rig_body(rig)
     motion = a_walk(solved)
-    dense = list(rig_channels(armature, rig, solved, motion, part, root))
+    dense = list(rig_channels(armature, rig, solved, motion, part, root, limbs))
     fewer, report = run(reducing_channels(armature, rig, motion, dense, reduction, 1.0))
     write_action(armature, "thinned", 1.0 + np.arange(FRAMES), fewer)
     return rig, motion, dense, report
@@ -93,6 +95,16 @@ def test_the_tolerance_holds_whatever_carries_the_way(human, root):
     rig, motion, _, _ = thinned(human, Reduction(5, 1), root=root)
     heads = evaluated(human, rig, motion.skeleton.names)[..., :3, 3]
     assert 1000 * np.linalg.norm(heads - motion.positions(), axis=-1).max() <= ROUNDING * 5
+
+
+@pytest.mark.parametrize("limbs", ["ik", "both"])
+def test_hands_and_feet_that_inverse_kinematics_place_stay_where_they_are(human, limbs):
+    joints = ("LeftFoot", "RightFoot", "LeftHand", "RightHand")
+    rig, _, dense, report = thinned(human, Reduction(5, 1), limbs=limbs)
+    fewer = evaluated(human, rig, joints)[..., :3, 3]
+    write_action(human, "dense", 1.0 + np.arange(FRAMES), dense)
+    assert 1000 * np.linalg.norm(fewer - evaluated(human, rig, joints)[..., :3, 3], axis=-1).max() < 0.5
+    assert report.keys_after < report.keys_before / 2
 
 
 def test_standing_feet_stand_however_much_is_allowed(metarig):

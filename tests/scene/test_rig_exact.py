@@ -14,6 +14,7 @@ from cbm_addon.rigs.rig import Rig
 from cbm_addon.scene.action import write_action
 from cbm_addon.scene.bake import rig_channels
 from cbm_addon.scene.rig import find_armature, read_rig
+from tests.evaluated import evaluated
 
 FRAMES = 6
 TENTH_OF_A_MILLIMETRE = 1e-4
@@ -36,16 +37,6 @@ def put_on(armature: bpy.types.Object, rig: Rig, solved: RigBody, motion: Motion
     write_action(armature, "test", np.arange(FRAMES) + 1.0, rig_channels(armature, rig, solved, motion))
 
 
-def evaluated(armature: bpy.types.Object, bones: list[str]) -> np.ndarray:
-    """World matrices [FRAMES, B, 4, 4] of pose bones, from the dependency graph."""
-    matrices = []
-    for frame in range(1, FRAMES + 1):
-        bpy.context.scene.frame_set(frame)
-        posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
-        matrices.append([np.array(posed.matrix_world @ posed.pose.bones[bone].matrix) for bone in bones])
-    return np.array(matrices)
-
-
 def move(armature: bpy.types.Object) -> None:
     """Turned, scaled and below a parent that is turned itself."""
     parent = bpy.data.objects.new("Parent", None)
@@ -64,10 +55,10 @@ def test_joints_land_where_they_were_solved(armature, moved):
     motion = a_motion(solved)
     put_on(armature, rig, solved, motion)
     joints = [rig.mapping.joints[name] for name in solved.body.names]
-    positions = evaluated(armature, joints)[..., :3, 3]
+    positions = evaluated(armature, joints, FRAMES)[..., :3, 3]
     np.testing.assert_allclose(positions, motion.positions(), atol=TENTH_OF_A_MILLIMETRE)
     deforming = [bone.replace("ORG-", "DEF-") for bone in joints]
-    np.testing.assert_allclose(evaluated(armature, deforming)[..., :3, 3], motion.positions(), atol=TENTH_OF_A_MILLIMETRE)
+    np.testing.assert_allclose(evaluated(armature, deforming, FRAMES)[..., :3, 3], motion.positions(), atol=TENTH_OF_A_MILLIMETRE)
 
 
 def test_bones_are_turned_as_their_joints_and_never_scaled(armature):
@@ -82,7 +73,7 @@ def test_bones_are_turned_as_their_joints_and_never_scaled(armature):
     rest = np.stack([quat_from_matrix(rig.rest[rig.index(bone), :3, :3]) for bone in bones])
     world = motion.forward()[0][:, kept]
     expected = matrix_from_quat(multiply(multiply(world, solved.alignment[kept]), rest))
-    np.testing.assert_allclose(evaluated(armature, bones)[..., :3, :3], expected, atol=1e-3)
+    np.testing.assert_allclose(evaluated(armature, bones, FRAMES)[..., :3, :3], expected, atol=1e-3)
 
 
 def test_a_rig_is_read_without_changing_it(human):

@@ -23,6 +23,7 @@ from cbm_addon.solve.models import load_model
 from cbm_addon.solve.perform import sampled
 from cbm_addon.takes.calibrate import Calibrated, calibrate
 from cbm_addon.takes.sample_motion import sample_take
+from tests.evaluated import evaluated
 from tests.sample_rigs import SAMPLE_RIGS, SampleRig, add_armature, bones_at_rest, renamed, transform
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
@@ -51,20 +52,10 @@ def put_on(armature: bpy.types.Object, root: str = "hips") -> tuple[Rig, RigBody
     return rig, solved, motion
 
 
-def evaluated(armature: bpy.types.Object, bones: list[str]) -> np.ndarray:
-    """World matrices [FRAMES, B, 4, 4] of pose bones, from the dependency graph."""
-    matrices = []
-    for frame in range(1, FRAMES + 1):
-        bpy.context.scene.frame_set(frame)
-        posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
-        matrices.append([np.array(posed.matrix_world @ posed.pose.bones[bone].matrix) for bone in bones])
-    return np.array(matrices)
-
-
 def assert_exact(armature: bpy.types.Object, rig: Rig, solved: RigBody, motion: Motion) -> None:
     """The evaluated bones are where the joints were solved, to a tenth of a millimetre of a body of human size, and turned as them."""
     bones = [(rig.mapping.joints | rig.mapping.fingers)[name] for name in solved.body.names]
-    matrices = evaluated(armature, bones)
+    matrices = evaluated(armature, bones, FRAMES)
     world, positions = motion.forward()
     size = solved.body.height_above_toes() / 1.6
     np.testing.assert_allclose(matrices[..., :3, 3], positions, atol=TENTH_OF_A_MILLIMETRE * size)
@@ -97,7 +88,7 @@ def test_fingers_of_a_generated_rig_land_too(human):
     rig, solved, motion = put_on(human)
     assert len(rig.mapping.fingers) == 30
     bones = [rig.mapping.fingers[name] for name in FINGER_JOINTS]
-    positions = evaluated(human, bones)[..., :3, 3]
+    positions = evaluated(human, bones, FRAMES)[..., :3, 3]
     np.testing.assert_allclose(positions, motion.positions()[:, solved.body.indices(FINGER_JOINTS)], atol=TENTH_OF_A_MILLIMETRE)
 
 
@@ -208,8 +199,8 @@ def test_the_root_bone_of_a_generated_rig_carries_the_way(human):
     assert rig.mapping.root == "root"
     bones = [rig.mapping.joints[name] for name in solved.body.names if name in rig.mapping.joints]
     indices = solved.body.indices([name for name in solved.body.names if name in rig.mapping.joints])
-    np.testing.assert_allclose(evaluated(human, bones)[..., :3, 3], motion.positions()[:, indices], atol=TENTH_OF_A_MILLIMETRE)
-    roots = evaluated(human, ["root"])[:, 0, :3, 3]
+    np.testing.assert_allclose(evaluated(human, bones, FRAMES)[..., :3, 3], motion.positions()[:, indices], atol=TENTH_OF_A_MILLIMETRE)
+    roots = evaluated(human, ["root"], FRAMES)[:, 0, :3, 3]
     assert np.ptp(roots[:, :2], axis=0).min() > 0.1
     np.testing.assert_allclose(roots[:, 2], 0, atol=1e-6)
 
@@ -227,7 +218,7 @@ def test_an_object_carries_the_way_in_its_own_rotation_mode(mode):
 def test_in_place_the_hips_do_not_leave_their_spot():
     armature = add_armature(bones_at_rest(sample_called("Mixamo"), "A"))
     rig, _, motion = put_on(armature, "in-place")
-    hips = evaluated(armature, [rig.mapping.joints["Hips"]])[:, 0, :3, 3]
+    hips = evaluated(armature, [rig.mapping.joints["Hips"]], FRAMES)[:, 0, :3, 3]
     np.testing.assert_allclose(hips[:, :2], 0, atol=1e-5)
     np.testing.assert_allclose(hips[:, 2], motion.positions()[:, 0, 2], atol=1e-5)
 
@@ -298,11 +289,11 @@ def test_an_action_that_two_armatures_share_stays_on_the_other_as_it_was(model, 
     armatures[1].animation_data_create().action = shared
     if hasattr(shared, "slots"):
         armatures[1].animation_data.action_slot = shared.slots[0]
-    before = evaluated(armatures[1], ["mixamorig:Hips", "mixamorig:LeftHand"])
+    before = evaluated(armatures[1], ["mixamorig:Hips", "mixamorig:LeftHand"], FRAMES)
     run(bake(bpy.context, armatures[0], calibrated, model, BakeOptions()))
     assert armatures[0].animation_data.action != shared
     assert armatures[1].animation_data.action == shared
-    np.testing.assert_array_equal(evaluated(armatures[1], ["mixamorig:Hips", "mixamorig:LeftHand"]), before)
+    np.testing.assert_array_equal(evaluated(armatures[1], ["mixamorig:Hips", "mixamorig:LeftHand"], FRAMES), before)
 
 
 # Libraries
@@ -341,7 +332,7 @@ def test_an_overridden_rig_is_baked_and_keeps_its_action_when_the_file_is_saved(
     armature = next(obj for obj in bpy.data.objects if obj.override_library)
     assert armature.animation_data.action.name == report.action
     rig = read_rig(armature)
-    head = evaluated(armature, [rig.mapping.joints["Head"]])[0, 0, :3, 3]
+    head = evaluated(armature, [rig.mapping.joints["Head"]], FRAMES)[0, 0, :3, 3]
     np.testing.assert_allclose(head, sampled(calibrated.take, np.zeros(1)).positions[0, 0] * report.scale, atol=1e-3)
 
 
