@@ -56,6 +56,9 @@ def reducing_channels(
         thinned += found
         if not found and any(pose_path(control.bone, name) in paths for name in ("location", _rotation(armature, control))):
             dense.add(control.bone)
+    if not thinned:
+        count = sum(sum(channel.keys()) for channel in channels)
+        return channels, ReductionReport(count, count, 0.0, 0.0)
     feet = [joint for joint in CONTACT_JOINTS if joint in motion.skeleton]
     standing = contact_labels(motion.skeleton, motion.positions() / np.float32(scale), motion.rate, feet)
     planted = dict(zip(feet, standing.T, strict=True))
