@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 import time
 import traceback
 from contextlib import nullcontext
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from . import __version__
 from .console import Console
 from .errors import InputError
-from .outputs import replacing
+from .outputs import plain, replacing
 
-COMMANDS = ("info", "convert", "record", "synthesize", "train", "solve", "bake", "rigs", "evaluate", "toy", "models")
+COMMANDS = ("info", "convert", "record", "synthesize", "train", "solve", "bake", "batch", "rigs", "evaluate", "toy", "models")
 
 DONE, OUR_FAULT, BAD_INPUT, CANCELLED = 0, 1, 2, 130
 
@@ -43,7 +42,7 @@ def main(argv: list[str] | None = None) -> int:
             report = args.run(args, Console(args.quiet, args.json_lines))
             if report_file:
                 facts = {"command": args.command, "version": __version__, "seconds": time.perf_counter() - started}
-                report_file.write_text(json.dumps(_plain(facts | report), indent=2) + "\n", encoding="utf-8")
+                report_file.write_text(json.dumps(plain(facts | report), indent=2) + "\n", encoding="utf-8")
     except (InputError, UsageError) as error:
         print("error:", " ".join(str(error).split()), file=sys.stderr)
         return BAD_INPUT
@@ -55,6 +54,9 @@ def main(argv: list[str] | None = None) -> int:
     except Exception:
         traceback.print_exc()
         return OUR_FAULT
+    if "error" in report:  # some of it failed, and the report says what became of the rest
+        print("error:", report["error"], file=sys.stderr)
+        return BAD_INPUT
     return DONE
 
 
@@ -73,18 +75,3 @@ def build_parser() -> Parser:
         options.add_argument("--overwrite", action="store_true", help="replace outputs that exist")
         options.set_defaults(run=command.run)
     return parser
-
-
-def _plain(value: Any) -> Any:
-    """The value in JSON's own types: arrays as lists, paths as text, numbers that are not finite as null."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, Path):
-        return str(value)
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

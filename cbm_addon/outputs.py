@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from .errors import InputError
 
@@ -29,7 +31,7 @@ def replacing_all(paths: Iterable[str | Path], overwrite: bool) -> Generator[lis
         _check(output, overwrite)
     if len({output.resolve() for output in outputs}) < len(outputs):
         raise InputError(outputs[0], "is named twice as an output; give every output its own name")
-    temporaries = [output.absolute().with_name(f".{output.stem}.{os.getpid()}{output.suffix}") for output in outputs]
+    temporaries = [_temporary(output, os.getpid()) for output in outputs]
     try:
         yield temporaries
         for temporary in temporaries:
@@ -40,6 +42,31 @@ def replacing_all(paths: Iterable[str | Path], overwrite: bool) -> Generator[lis
     finally:
         for temporary in temporaries:
             temporary.unlink(missing_ok=True)
+
+
+def remove_temporaries(paths: Iterable[Path], process: int) -> None:
+    """Removes what a process that was ended in the middle of `replacing_all` has left."""
+    for path in paths:
+        _temporary(path, process).unlink(missing_ok=True)
+
+
+def plain(value: Any) -> Any:
+    """The value in JSON's own types: arrays as lists, paths as text, numbers that are not finite as null."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _temporary(output: Path, process: int) -> Path:
+    return output.absolute().with_name(f".{output.stem}.{process}{output.suffix}")
 
 
 def _check(output: Path, overwrite: bool) -> None:

@@ -8,7 +8,7 @@ import bpy
 
 from ..cbm_addon.errors import InputError
 from .import_take import load_take, report_lines
-from .properties import CALIBRATION_NAMES, CalibrationProperties
+from .properties import CALIBRATION_NAMES, CalibrationProperties, changing_many
 
 
 class CBM_OT_calibrate_take(bpy.types.Operator, CalibrationProperties):
@@ -28,16 +28,23 @@ class CBM_OT_calibrate_take(bpy.types.Operator, CalibrationProperties):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         settings = context.scene.cbm
-        before = {name: getattr(settings, name) for name in CALIBRATION_NAMES}
-        for name in CALIBRATION_NAMES:
-            if self.properties.is_property_set(name):
-                setattr(settings, name, getattr(self, name))
-        try:
-            lines = load_take(context, Path(settings.take))
-        except InputError as error:
-            for name, value in before.items():
-                setattr(settings, name, value)
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        before = {name: _value(settings, name) for name in CALIBRATION_NAMES}
+        with changing_many():
+            for name in CALIBRATION_NAMES:
+                if self.properties.is_property_set(name):
+                    setattr(settings, name, getattr(self, name))
+            try:
+                lines = load_take(context, Path(settings.take))
+            except InputError as error:
+                for name, value in before.items():
+                    setattr(settings, name, value)
+                self.report({"ERROR"}, str(error))
+                return {"CANCELLED"}
         report_lines(self, lines)
         return {"FINISHED"}
+
+
+def _value(settings: bpy.types.PropertyGroup, name: str) -> object:
+    """What a setting is now; of vectors Blender gives a view that would change with them."""
+    value = getattr(settings, name)
+    return tuple(value) if name.endswith("_offset") else value

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import bpy
@@ -16,6 +17,7 @@ from ..cbm_addon.takes import native_csv
 from ..cbm_addon.takes.calibrate import calibrate
 from ..cbm_addon.takes.describe import take_lines
 from ..cbm_addon.takes.readers import read_take, register
+from ..cbm_addon.takes.recording import TakeOverrides
 from ..cbm_addon.takes.take import Take
 
 EXTENSION = __name__.rsplit(".", 2)[0]
@@ -26,7 +28,18 @@ register(BLENDER_FILES)
 
 def load_take(context: bpy.types.Context, path: Path) -> list[str]:
     """Reads and calibrates a take with the scene's settings, shows its trackers and remembers what was found. Returns the findings."""
-    return _show(context, read_take(path, context.scene.cbm.overrides()), path)
+    return _show(context, read_again(path, context.scene.cbm.overrides()), path)
+
+
+def read_again(path: Path, overrides: TakeOverrides) -> Take:
+    """Reads a take, or gives the one that was read last if that is what is asked for: while it is calibrated, only constants change."""
+    written = path.stat().st_mtime_ns if path.is_file() else 0
+    return _read(path, written, overrides)
+
+
+@lru_cache(maxsize=1)
+def _read(path: Path, written: int, overrides: TakeOverrides) -> Take:
+    return read_take(path, overrides)
 
 
 def load_objects(context: bpy.types.Context, head: str, left: str, right: str) -> list[str]:
@@ -48,6 +61,7 @@ def _show(context: bpy.types.Context, take: Take, path: Path) -> list[str]:
     tracker_empties(context, calibrated.take)
     lines = list(take_lines(take, calibrated.calibration))
     settings.take, settings.take_summary = str(path), "\n".join(lines)
+    settings.show_offsets(calibrated.calibration)
     return lines
 
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
+from typing import get_type_hints
 
 import bpy
 
@@ -10,13 +14,16 @@ from ..cbm_addon.errors import InputError
 from ..cbm_addon.features import MODES
 from ..cbm_addon.rigs.recognize import recognize, summary
 from ..cbm_addon.rigs.tables import Table, load_table
+from ..cbm_addon.scene.bake import BakeOptions
+from ..cbm_addon.scene.reduction import Reduction
 from ..cbm_addon.scene.rig import read_bones
 from ..cbm_addon.solve.models import DEFAULT_MODEL
 from ..cbm_addon.solve.perform import SolveOptions
-from ..cbm_addon.takes.calibrate import CalibrationOptions
+from ..cbm_addon.takes.calibrate import Calibration, CalibrationOptions
 from ..cbm_addon.takes.devices import CONTROLLERS, NO_DEVICE
 from ..cbm_addon.takes.frames import AXES, METRES
-from ..cbm_addon.takes.recording import TakeOverrides
+from ..cbm_addon.takes.recording import ROTATION_ORDERS, TakeOverrides
+from .import_take import load_take
 
 MEASURE = ("MEASURE", "Measure", "Find it in the take")
 
@@ -46,11 +53,27 @@ class CalibrationProperties:
     keep_outliers: bpy.props.BoolProperty(name="Keep Outliers", description="Keep samples that no hand or head can have reached")
     join_teleports: bpy.props.BoolProperty(name="Join Teleports", description="Go on where the take was after a jump of the whole tracking space")
     seated: bpy.props.BoolProperty(name="Seated", description="The performer sits throughout")
+    rotation_order: bpy.props.EnumProperty(
+        name="Rotation Order", description="In which order Euler angles turn, where the format does not say", items=choices(ROTATION_ORDERS)
+    )
+    own_offsets: bpy.props.BoolProperty(name="Own Offsets", description="Say where the joints are, seen from the devices, instead of going by the device")
+    head_offset: bpy.props.FloatVectorProperty(
+        name="Headset to Head", description="From between the eyes to the base of the skull: left, back, up in the headset's frame", size=3, unit="LENGTH"
+    )
+    wrist_offset: bpy.props.FloatVectorProperty(
+        name="Controller to Wrist", description="From the left controller to the left wrist, in the controller's frame; mirrored", size=3, unit="LENGTH"
+    )
 
     def overrides(self) -> TakeOverrides:
         swap = {"SWAP": True, "KEEP": False}.get(self.swap_hands)
         return TakeOverrides(
-            _given(self.unit), _given(self.axes), swap, self.rate or None, keep_outliers=self.keep_outliers, join_teleports=self.join_teleports
+            _given(self.unit),
+            _given(self.axes),
+            swap,
+            self.rate or None,
+            _given(self.rotation_order),
+            keep_outliers=self.keep_outliers,
+            join_teleports=self.join_teleports,
         )
 
     def calibration(self) -> CalibrationOptions:
@@ -58,6 +81,8 @@ class CalibrationProperties:
             eye_height=self.eye_height or None,
             floor=None if self.measure_floor else self.floor,
             device=_given(self.device),
+            head_offset=tuple(self.head_offset) if self.own_offsets else None,
+            wrist_offset=tuple(self.wrist_offset) if self.own_offsets else None,
             seated=self.seated,
         )
 
@@ -96,6 +121,33 @@ class RigProperties:
 
 
 CALIBRATION_NAMES = tuple(CalibrationProperties.__annotations__)
+unwatched = ContextVar("unwatched", default=False)
+
+
+@contextmanager
+def changing_many() -> Iterator[None]:
+    """While the body runs, changed settings do not calibrate the take."""
+    token = unwatched.set(True)
+    try:
+        yield
+    finally:
+        unwatched.reset(token)
+
+
+def calibrate_again(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    """Shows at once what a changed setting makes of the take: its trackers move."""
+    if unwatched.get() or not settings.take:
+        return
+    try:
+        load_take(context, Path(settings.take))
+    except InputError as error:
+        settings.take_summary = f"! {error}"
+
+
+def watched() -> dict[str, object]:
+    """The calibration's properties with `calibrate_again` on each."""
+    properties = get_type_hints(CalibrationProperties)
+    return {name: properties[name].function(**{**properties[name].keywords, "update": calibrate_again}) for name in CALIBRATION_NAMES}
 
 
 def _given(choice: str) -> str | None:
@@ -137,8 +189,33 @@ class CBM_PG_settings(bpy.types.PropertyGroup, CalibrationProperties, RigPropert
         ],
     )
 
+    variations: bpy.props.IntProperty(name="Variations", description="How many are baked at once, each an action", default=1, min=1, max=16)
+    push_down: bpy.props.BoolProperty(
+        name="NLA Tracks", description="Keep the rig's earlier action, and all variations but the first, as muted NLA tracks", default=False
+    )
+    fake_user: bpy.props.BoolProperty(name="Fake User", description="Keep the new actions in the file when nothing uses them", default=True)
+    reduce: bpy.props.BoolProperty(name="Reduce Keys", description="Thin the keys as far as joints stay near the full bake; standing feet stay put")
+    reduce_distance: bpy.props.FloatProperty(name="Distance", description="Millimetres by which a joint may move", default=5, min=0.1, soft_max=20)
+    reduce_angle: bpy.props.FloatProperty(name="Angle", description="Degrees by which a joint may turn", default=1, min=0.05, soft_max=10)
+
+    show_calibration: bpy.props.BoolProperty(name="Calibration", description="Correct what was measured of the take; its trackers move at once")
+    show_options: bpy.props.BoolProperty(name="Options", description="More about how a take is baked")
+
+    def show_offsets(self, calibration: Calibration) -> None:
+        """Own offsets begin as those that the device has."""
+        if not self.own_offsets and "head_offset" in calibration.constants:
+            with changing_many():
+                self.head_offset, self.wrist_offset = (calibration.constants[name].value for name in ("head_offset", "wrist_offset"))
+
+    def bake_options(self) -> BakeOptions:
+        reduction = Reduction(self.reduce_distance, self.reduce_angle) if self.reduce else None
+        return BakeOptions(self.part, self.solve_options(), self.root, self.table(), self.limbs, reduction, self.fake_user, self.push_down)
+
     def solve_options(self) -> SolveOptions:
         return SolveOptions(self.mode, self.candidates, self.variation, self.seed)
 
     def model_folder(self) -> Path:
         return Path(bpy.path.abspath(self.model)) if self.model else DEFAULT_MODEL
+
+
+CBM_PG_settings.__annotations__.update(watched())

@@ -10,7 +10,6 @@ import bpy
 
 from ..cbm_addon.scene.modal import ModalJob
 from ..operators.bake_take import CBM_OT_bake_take
-from ..operators.calibrate_take import CBM_OT_calibrate_take
 from ..operators.import_mocap import CBM_OT_import_mocap
 from ..operators.import_take import CBM_OT_import_take
 from ..operators.load_model import CBM_OT_load_model
@@ -46,7 +45,27 @@ class CBM_PT_sidebar(bpy.types.Panel):
         box.operator(CBM_OT_import_take.bl_idname, text="From Animated Objects", icon="OBJECT_DATA").source = "OBJECTS"
         if settings.take:
             _findings(box, WHY.sub(r" (\1)", settings.take_summary), letters)
-            box.operator(CBM_OT_calibrate_take.bl_idname, icon="EMPTY_ARROWS")
+            if _unfolded(box, settings, "show_calibration"):
+                self._calibration(box.column(), settings)
+
+    def _calibration(self, column: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+        column.prop(settings, "eye_height", text="Eye Height" if settings.eye_height else "Eye Height (0: measured)")
+        row = column.row(align=True)
+        row.prop(settings, "measure_floor")
+        if not settings.measure_floor:
+            row.prop(settings, "floor")
+        column.prop(settings, "seated")
+        column.prop(settings, "device")
+        column.prop(settings, "own_offsets")
+        if settings.own_offsets:
+            for name in ("head_offset", "wrist_offset"):
+                column.column(align=True).prop(settings, name)
+        for name in ("swap_hands", "axes", "unit"):
+            column.prop(settings, name)
+        column.prop(settings, "rotation_order", text="Angles")
+        column.prop(settings, "rate", text="Rate" if settings.rate else "Rate (0: as recorded)")
+        for name in ("keep_outliers", "join_teleports"):
+            column.prop(settings, name)
 
     def _rig(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup, letters: int) -> None:
         box.label(text="2. Rig", icon="ARMATURE_DATA")
@@ -68,17 +87,40 @@ class CBM_PT_sidebar(bpy.types.Panel):
     def _bake(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
         box.label(text="4. Bake", icon="ACTION")
         column = box.column(align=True)
-        for name in ("part", "root", "limbs", "mode", "variation", "candidates", "seed"):
-            column.prop(settings, name)
+        column.prop(settings, "part")
+        column.prop(settings, "root", text="Root")
+        column.prop(settings, "limbs")
+        column.prop(settings, "variations")
+        if _unfolded(box, settings, "show_options"):
+            column = box.column(align=True)
+            column.prop(settings, "mode")
+            column.prop(settings, "variation", text="First Variation")
+            for name in ("candidates", "seed", "reduce"):
+                column.prop(settings, name)
+            if settings.reduce:
+                for name in ("reduce_distance", "reduce_angle"):
+                    column.prop(settings, name)
+            for name in ("push_down", "fake_user"):
+                column.prop(settings, name)
         row = box.row()
         row.scale_y = 1.5
         row.enabled = bool(settings.take and settings.rig)
-        row.operator(CBM_OT_bake_take.bl_idname, icon="PLAY")
+        text = f"Bake {settings.variations} Variations" if settings.variations > 1 else CBM_OT_bake_take.bl_label
+        row.operator(CBM_OT_bake_take.bl_idname, text=text, icon="PLAY")
 
 
 def _letters(context: bpy.types.Context) -> int:
     """About how many letters fit beside an icon, inside a box of the sidebar."""
     return max(20, int((context.region.width / context.preferences.system.ui_scale - 85) / 6.2))
+
+
+def _unfolded(box: bpy.types.UILayout, settings: bpy.types.PropertyGroup, name: str) -> bool:
+    """A line that unfolds what comes below it, and whether it has."""
+    is_open = getattr(settings, name)
+    row = box.row()
+    row.alignment = "LEFT"
+    row.prop(settings, name, icon="TRIA_DOWN" if is_open else "TRIA_RIGHT", emboss=False)
+    return is_open
 
 
 def _findings(box: bpy.types.UILayout, summary: str, letters: int) -> None:

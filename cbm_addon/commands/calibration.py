@@ -7,17 +7,18 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .values import numbers
+
 if TYPE_CHECKING:
     from ..takes.calibrate import Calibrated, CalibrationOptions
     from ..takes.recording import TakeOverrides
     from ..takes.take import Take
 
-ROTATION_ORDERS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
-
 
 def add_take_arguments(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
     """What a take's reader measures: unit, axes, times, which device is which, what is wrong."""
     from ..takes.frames import AXES, METRES
+    from ..takes.recording import ROTATION_ORDERS
 
     parser.add_argument("--unit", choices=METRES, help="unit of the take's positions (default: measured)")
     parser.add_argument("--axes", choices=AXES, help="axes of the take (default: from its format, or measured)")
@@ -100,8 +101,5 @@ def _rate(text: str) -> float:
 
 
 def _vector(text: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not three numbers with commas between them") from None
+    x, y, z = numbers(text, 3)
     return x, y, z

@@ -23,33 +23,74 @@ HELP = "say what takes and mocap files are: format, rate, unit, axes, floor, sta
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="a take of any format, or mocap (BVH)")
+    parser.add_argument("--table", action="store_true", help="one line a file, and files that cannot be read do not stop the others")
     parser.add_argument("--plot", type=Path, metavar="OUT.svg", help="draw the take before and after cleaning; of one file")
     add_calibration_arguments(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
-    from ..motion.bvh import read_bvh_file
-    from ..takes.calibrate import calibrate
-    from ..takes.describe import take_lines
-
     overrides, options = calibration_options(args)
     if args.plot:
         _plot(args, overrides, options)
     files = []
     for path in args.files:
-        if is_mocap(path, overrides):
-            file = read_bvh_file(path)
-            facts, lines = _mocap_facts(file), _mocap_lines(file)
-        else:
-            take = read_any_take(path, overrides)
-            assert take.report is not None
-            calibration = calibrate(take, options).calibration
-            facts, lines = _take_facts(take, take.report, calibration), take_lines(take, calibration)
-        console.say(str(path))
-        for line in lines:
-            console.say(f"  {line}")
+        try:
+            facts, lines = _file(path, overrides, options)
+        except InputError as refusal:
+            if not args.table:
+                raise
+            facts, lines = {"refused": refusal.message}, []
         files.append({"file": path, **facts})
-    return {"files": files}
+        if not args.table:
+            console.say(str(path))
+            for line in lines:
+                console.say(f"  {line}")
+    if args.table:
+        for line in _table(files):
+            console.say(line)
+    report: dict[str, Any] = {"files": files}
+    if refused := sum("refused" in facts for facts in files):
+        report["error"] = f"{refused} of {len(files)} files cannot be read; the last column says why"
+    return report
+
+
+def _file(path: Path, overrides: TakeOverrides, options: CalibrationOptions) -> tuple[dict[str, Any], list[str]]:
+    """What a file is, and the same in words."""
+    from ..motion.bvh import read_bvh_file
+    from ..takes.calibrate import calibrate
+    from ..takes.describe import take_lines
+
+    if is_mocap(path, overrides):
+        file = read_bvh_file(path)
+        return _mocap_facts(file), list(_mocap_lines(file))
+    take = read_any_take(path, overrides)
+    assert take.report is not None
+    calibration = calibrate(take, options).calibration
+    return _take_facts(take, take.report, calibration), list(take_lines(take, calibration))
+
+
+def _table(files: list[dict[str, Any]]) -> Iterator[str]:
+    rows = [("file", "format", "samples", "seconds", "rate", "unit", "axes", "hands", "floor", "eyes", "what is wrong"), *map(_row, files)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+
+
+def _row(facts: dict[str, Any]) -> tuple[str, ...]:
+    name = Path(facts["file"]).name
+    if "refused" in facts:
+        return (name, *("-",) * 9, f"refused: {facts['refused']}")
+    length = f"{facts['seconds']:.1f}", f"{facts['rate_hz']:.1f}"
+    if facts["kind"] == "mocap":
+        wrong = "; ".join(facts["warnings"]) or "-"
+        return (name, "BVH of a body", str(facts["frames"]), *length, facts["unit"], f"{facts['up_axis']} up", "-", "-", "-", wrong)
+    found = facts["constants"] | facts["calibration"]["constants"]
+    axes, hands = found["axes"], found["swap_hands"]
+    sure = "" if axes["confidence"] is None else f" {axes['confidence']:.2f}"
+    wrong = [defect["kind"].replace("_", " ") for defect in facts["defects"]]
+    values = [f"{found[key]['value']:.2f} {found[key]['source']}" for key in ("floor", "eye_height")]
+    exchanged = "exchanged" if hands["value"] else "as named"
+    return (name, facts["format"], str(facts["samples"]), *length, found["unit"]["value"], axes["value"] + sure, exchanged, *values, ", ".join(wrong) or "-")
 
 
 def _plot(args: argparse.Namespace, overrides: TakeOverrides, options: CalibrationOptions) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from ..console import Console
 from ..errors import InputError
+from .values import two_amounts
 
 HELP = "make a three-point take from mocap"
 
@@ -20,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     source.add_argument("--sample", action="store_true", help="the procedural motion behind the shipped sample take")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="TAKE.csv", help="the take to write")
     parser.add_argument("--device", choices=("none", *CONTROLLERS), default="none", help="poses of these controllers and a headset (default: of the joints)")
-    parser.add_argument("--noise", type=_noise, metavar="MM,DEG", help="white noise: standard deviations per axis")
+    parser.add_argument("--noise", type=two_amounts, metavar="MM,DEG", help="white noise: standard deviations per axis")
     parser.add_argument("--hmd-only", action="store_true", help="the hands are not tracked")
     parser.add_argument("--seed", type=int, default=0, help="the same seed gives the same noise")
 
@@ -40,13 +41,3 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
         native_csv.write(temporary, take)
     console.say(f"{args.output}: {len(take)} samples, {take.seconds:.2f} s, poses of {'the joints' if take.kind == 'joint' else args.device}")
     return {"source": "sample" if args.sample else args.clip, "output": args.output, "samples": len(take), "seconds": take.seconds, "poses": take.kind}
-
-
-def _noise(text: str) -> tuple[float, float]:
-    try:
-        millimetres, degrees = (float(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not two numbers with a comma between them") from None
-    if millimetres < 0 or degrees < 0:
-        raise argparse.ArgumentTypeError(f"{text!r} holds a negative amount")
-    return millimetres, degrees

@@ -11,17 +11,28 @@ import numpy as np
 from ..errors import InputError
 from ..motion.rotations import Array, continuous, quat_from_matrix
 from ..rigs.pose import rotation_values
+from ..rigs.reduce import handles
 
-LINEAR = 1  # what RNA calls 'LINEAR' in foreach_set
+LINEAR, BEZIER = 1, 2  # what RNA calls 'LINEAR' and 'BEZIER' in foreach_set
+FREE = 0  # the same of handles
 
 
 @dataclass(frozen=True)
 class Channel:
-    """What one property does: its RNA path on the object, values [T, N] (N components of the property) and the name of the curves' group."""
+    """What one property does: its RNA path on the object, values [T, N] (N components of the property) and the name of the curves' group.
+
+    keyed  which of the T frames are keyed, with smooth curves between them (rigs/reduce.py); None: all, with straight lines
+    """
 
     data_path: str
     values: Array
     group: str
+    keyed: np.ndarray | None = None
+
+    def keys(self) -> list[int]:
+        """How many keys each component gets: one if it never changes."""
+        count = len(self.values) if self.keyed is None else len(self.keyed)
+        return [count if moves else 1 for moves in np.any(self.values != self.values[:1], axis=0)]
 
 
 def pose_path(bone: str, attribute: str) -> str:
@@ -73,7 +84,7 @@ def scene_frames(scene: bpy.types.Scene, seconds: np.ndarray, frame_start: float
 
 
 def write_action(obj: bpy.types.Object, name: str, frames: np.ndarray, channels: Iterable[Channel], fake_user: bool = True) -> bpy.types.Action:
-    """A new action with linear keys at `frames` [T], bound to the object. The action that was bound before stays in the file, unchanged.
+    """A new action with keys at `frames` [T], bound to the object. The action that was bound before stays in the file, unchanged.
 
     A component that never changes gets one key instead of T. InputError if the object's animation cannot be changed now.
     """
@@ -93,20 +104,36 @@ def write_action(obj: bpy.types.Object, name: str, frames: np.ndarray, channels:
 
 
 def _write_curves(bag: bpy.types.ActionChannelbag | bpy.types.Action, frames: np.ndarray, channels: Iterable[Channel]) -> None:
-    keys = np.empty((len(frames), 2), dtype=np.float32)
-    keys[:, 0] = frames
-    linear = np.full(len(frames), LINEAR, dtype=np.int32)
     for channel in channels:
         group = bag.groups.get(channel.group) or bag.groups.new(channel.group)
-        for index, column in enumerate(channel.values.T):
-            keys[:, 1] = column
-            count = len(keys) if np.any(keys[:, 1] != keys[0, 1]) else 1
+        keyed = slice(None) if channel.keyed is None else channel.keyed
+        keys = np.empty((len(frames[keyed]), 2), dtype=np.float32)
+        keys[:, 0] = frames[keyed]
+        for index, count in enumerate(channel.keys()):
+            keys[:, 1] = channel.values[keyed, index]
             curve = bag.fcurves.new(channel.data_path, index=index)
             curve.group = group
-            curve.keyframe_points.add(count)
-            curve.keyframe_points.foreach_set("co", keys[:count].ravel())
-            curve.keyframe_points.foreach_set("interpolation", linear[:count])
+            points = curve.keyframe_points
+            points.add(count)
+            points.foreach_set("co", keys[:count].ravel())
+            if channel.keyed is None or count == 1:
+                points.foreach_set("interpolation", np.full(count, LINEAR, dtype=np.int32))
+            else:
+                _bend(points, keys, *(slope[:, 0] for slope in handles(channel.values[:, index : index + 1], channel.keyed)))
             curve.update()
+
+
+def _bend(points: bpy.types.FCurveKeyframePoints, keys: Array, leaving: Array, arriving: Array) -> None:
+    """Makes cubic curves between keys [K, 2] that leave and arrive with slopes per frame [K - 1]. The handles lie a third of the way to the next
+    key, so that time runs evenly along the curve."""
+    third = np.diff(keys[:, 0]) / 3
+    left, right = keys.astype(np.float64), keys.astype(np.float64)
+    left[1:] -= np.stack((third, third * arriving), axis=-1)
+    right[:-1] += np.stack((third, third * leaving), axis=-1)
+    for name, handle in (("handle_left", left), ("handle_right", right)):
+        points.foreach_set(f"{name}_type", np.full(len(keys), FREE, dtype=np.int32))
+        points.foreach_set(name, handle.astype(np.float32).ravel())
+    points.foreach_set("interpolation", np.full(len(keys), BEZIER, dtype=np.int32))
 
 
 def action_curves(obj: bpy.types.Object) -> list[bpy.types.FCurve]:

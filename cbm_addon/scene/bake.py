@@ -43,6 +43,7 @@ from .action import (
     write_action,
 )
 from .kept import PART, Kept, posed_at, reading_upper_body
+from .reduction import Reduction, ReductionReport, reducing_channels
 from .rig import read_rig, require_editable
 
 MEASURED_FRAMES = 120  # on how many frames the evaluated rig is compared with the trackers
@@ -59,6 +60,9 @@ class BakeOptions:
     root   what carries the way over the ground: the hips, a bone above them, the armature's object, or nothing ("in-place")
     table  the user's map of the rig's bones; None recognises them
     limbs  which kinematics of the limbs are keyed, of a rig that has both: "fk", "ik", or "both", which agree
+    reduction  how much the keys may be thinned; None keys every frame
+    fake_user  whether the new action is kept when nothing uses it
+    push_down  whether the action that the armature had becomes a muted NLA track
     """
 
     part: Literal["full", "lower"] = "full"
@@ -66,6 +70,9 @@ class BakeOptions:
     root: Root = "hips"
     table: Table | None = None
     limbs: Limbs = "fk"
+    reduction: Reduction | None = None
+    fake_user: bool = True
+    push_down: bool = False
 
 
 @dataclass(frozen=True)
@@ -83,12 +90,14 @@ class BakeReport:
     """What a bake made.
 
     scale              of the take, about the world origin, to the rig's size
-    seconds            that the bake took, of which `frames_per_second` follows
+    seconds            that the bake took (of several variations, its share), of which `frames_per_second` follows
     measured_frames    frames on which the evaluated rig was compared with the scaled trackers
     tracker_errors     by device; empty in place, and of a lower body that carries the upper one along
+    reduction          what was thinned, if that was asked for
     """
 
     action: str
+    variation: int
     frames: int
     fps: float
     scale: float
@@ -96,6 +105,7 @@ class BakeReport:
     frames_per_second: float
     measured_frames: int
     tracker_errors: dict[str, TrackerError]
+    reduction: ReductionReport | None = None
 
 
 def bake(
@@ -106,6 +116,14 @@ def bake(
     Nothing is changed before the last event. Then the armature has the new action; the one it had stays in the file, and with part "lower"
     it goes on as an NLA strip below. InputError if the armature cannot be baked onto.
     """
+    reports = yield from bake_variations(context, armature, calibrated, model, options, 1)
+    return reports[0]
+
+
+def bake_variations(
+    context: bpy.types.Context, armature: bpy.types.Object, calibrated: Calibrated, model: Model, options: BakeOptions, count: int
+) -> Generator[Progress, None, list[BakeReport]]:
+    """The same for so many variations from that of the options on, each an action; the armature is left with the first."""
     started = time.perf_counter()
     scene = context.scene
     require_editable(armature)
@@ -125,17 +143,44 @@ def bake(
     if kept and not _together(kept.positions, trackers, solved):
         kept = None
     trackers = kept.positions if kept else trackers
-    motion = yield from part(solve_on_rig(solved, calibrated, model, options.solve, scene_rate(scene), kept), 0.2 if kept else 0, 0.95)
+    begin, made = 0.2 if kept else 0.0, []
+    for i in range(count):
+        solve = replace(options.solve, variation=options.solve.variation + i)
+        job = _animated(scene, armature, rig, solved, calibrated, model, replace(options, solve=solve), kept)
+        start, end = (begin + (0.95 - begin) * share / count for share in (i, i + 1))
+        made.append((solve.variation, *(yield from part(job, start, end))))
     yield Progress(0.95, "writing keys")
-    name = f"{calibrated.take.name}_variation{options.solve.variation}"
-    channels = list(rig_channels(armature, rig, solved, motion, "full" if kept else options.part, options.root, options.limbs))
-    action = _write(armature, name, frames, channels, options.part)
-    measured, errors = np.empty(0), {}
-    if (options.part == "full" or kept) and options.root != "in-place":
-        measured = np.unique(np.linspace(0, len(frames) - 1, MEASURED_FRAMES).round().astype(int))
-        errors = _tracker_errors(context, armature, rig, frames[measured], trackers[measured])
-    seconds = time.perf_counter() - started
-    return BakeReport(action.name, len(frames), scene_rate(scene), scale, seconds, len(frames) / seconds, len(measured), errors)
+    reports = []
+    for variation, channels, thinned in reversed(made):
+        action = _write(armature, f"{calibrated.take.name}_variation{variation}", frames, channels, options)
+        measured, errors = np.empty(0), {}
+        if (options.part == "full" or kept) and options.root != "in-place":
+            measured = np.unique(np.linspace(0, len(frames) - 1, MEASURED_FRAMES).round().astype(int))
+            errors = _tracker_errors(context, armature, rig, frames[measured], trackers[measured])
+        seconds = (time.perf_counter() - started) / count
+        report = BakeReport(action.name, variation, len(frames), scene_rate(scene), scale, seconds, len(frames) / seconds, len(measured), errors, thinned)
+        reports.insert(0, report)
+    return reports
+
+
+def _animated(
+    scene: bpy.types.Scene,
+    armature: bpy.types.Object,
+    rig: Rig,
+    solved: RigBody,
+    calibrated: Calibrated,
+    model: Model,
+    options: BakeOptions,
+    kept: Kept | None,
+) -> Generator[Progress, None, tuple[list[Channel], ReductionReport | None]]:
+    """The channels that a take becomes, and what was thinned of them; `kept` is an upper body that stays."""
+    share = 0.6 if options.reduction else 1.0
+    motion = yield from part(solve_on_rig(solved, calibrated, model, options.solve, scene_rate(scene), kept), 0, share)
+    channels, thinned = list(rig_channels(armature, rig, solved, motion, "full" if kept else options.part, options.root, options.limbs)), None
+    if options.reduction:
+        scale = take_scale(solved, calibrated)
+        channels, thinned = yield from part(reducing_channels(armature, rig, motion, channels, options.reduction, scale), share, 1)
+    return channels, thinned
 
 
 def take_scale(solved: RigBody, calibrated: Calibrated) -> float:
@@ -218,16 +263,35 @@ def _bone_channels(armature: bpy.types.Object, pose: BonePose, animated: set[str
         yield Channel(pose_path(bone.name, "scale"), rest + 1, bone.name)
 
 
-def _write(armature: bpy.types.Object, name: str, frames: np.ndarray, channels: list[Channel], part: str) -> bpy.types.Action:
+def _write(armature: bpy.types.Object, name: str, frames: np.ndarray, channels: list[Channel], options: BakeOptions) -> bpy.types.Action:
     data = armature.animation_data_create()
     previous, slot = data.action, getattr(data, "action_slot", None)
-    action = write_action(armature, name, frames, channels)
-    action[PART] = part
-    if previous is not None and part == "lower" and previous.get(PART) != "lower":
+    action = write_action(armature, name, frames, channels, options.fake_user)
+    action[PART] = options.part
+    if previous is not None and options.part == "lower" and previous.get(PART) != "lower":
         _play_below(data, previous, slot, frames)
+    elif previous is not None and options.push_down:
+        _push_down(data, previous, slot)
     elif previous is not None:
         previous.use_fake_user = True  # or it would leave the file with its last user
     return action
+
+
+def _push_down(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None) -> None:
+    """Keeps an action as a muted NLA track, to be listened to by unmuting it."""
+    _add_strip(data, action, slot)[0].mute = True
+
+
+def _add_strip(
+    data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None
+) -> tuple[bpy.types.NlaTrack, bpy.types.NlaStrip]:
+    """A new NLA track on top, called like an action and with that action as its strip, where the action has its keys."""
+    track = data.nla_tracks.new()
+    track.name = action.name
+    strip = track.strips.new(action.name, int(action.frame_range[0]), action)
+    if slot is not None:
+        strip.action_slot = slot
+    return track, strip
 
 
 def _play_below(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None, frames: np.ndarray) -> None:
@@ -237,11 +301,7 @@ def _play_below(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.ty
     """
     start = min(action.frame_range[0], frames[0])
     end = max(action.frame_range[1], frames[-1], start + 1)
-    track = data.nla_tracks.new()
-    track.name = action.name
-    strip = track.strips.new(action.name, int(start), action)
-    if slot is not None:
-        strip.action_slot = slot
+    _, strip = _add_strip(data, action, slot)
     strip.action_frame_start, strip.action_frame_end = start, end  # wide enough for the curves' own extrapolation to show
     strip.frame_start, strip.frame_end = start, end
 

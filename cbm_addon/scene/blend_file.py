@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import bpy
@@ -47,22 +49,43 @@ def opened() -> Path | None:
     return Path(bpy.data.filepath) if bpy.data.filepath else None
 
 
-def open_target(blend: Path | None, rig: str | None, preset: str | None) -> Target:
+def open_target(blend: Path | None, rig: str | None, preset: str | None, kept: Path | None = None) -> Target:
     """The armature called `rig`, or a new one of a preset, in `blend` or in the file that is open. InputError if it is not to be had.
 
     Where there is no file but only what Blender starts with, a preset gets an empty one.
+
+    kept  a folder for new files, which are opened when their preset is asked for again, whatever file is open by then
     """
     if blend:
         open_blend(blend)
-    is_new = bool(preset) and opened() is None
+    if not preset:
+        return Target(bpy.context, find_armature(rig or ""), is_new=False)
+    if kept and not blend:
+        file, name = _preset_file(preset, kept)
+        open_blend(file)
+        return Target(bpy.context, find_armature(name), is_new=True)
+    is_new = opened() is None
     if is_new:
         _start_empty()
-    if preset:
-        with silence():
-            armature = PRESETS[preset](bpy.context)
-    else:
-        armature = find_armature(rig or "")
-    return Target(bpy.context, armature, is_new)
+    return Target(bpy.context, _add_preset(preset), is_new)
+
+
+def _add_preset(preset: str) -> bpy.types.Object:
+    with silence():
+        return PRESETS[preset](bpy.context)
+
+
+@cache
+def _preset_file(preset: str, folder: Path) -> tuple[Path, str]:
+    """A file of a preset alone, and its armature's name. Making it takes seconds, and opening it does not."""
+    empty, made = (folder / f"{name}.{os.getpid()}.blend" for name in ("empty", preset))
+    if not empty.exists():
+        _start_empty()
+        save_blend(empty)
+    open_blend(empty)
+    armature = _add_preset(preset)
+    save_blend(made)
+    return made, armature.name
 
 
 def _start_empty() -> None:
@@ -91,6 +114,11 @@ def furnish(scene: bpy.types.Scene, take: Take, scale: float, head_height: float
         for area in screen.areas:
             if area.type == "VIEW_3D":
                 area.spaces.active.region_3d.view_perspective = "CAMERA"
+
+
+def actions(names: list[str]) -> tuple[bpy.types.Action, ...]:
+    """The actions of those names."""
+    return tuple(bpy.data.actions[name] for name in names)
 
 
 def save_blend(path: Path) -> None:

@@ -26,8 +26,10 @@ VIDEO_FRAMES = 300
 VIDEO_RATE = 12.0  # frames per second below which a video no longer shows how something moves
 VIDEO_SIZE = (640, 360)
 CHUNK = 15  # frames of a video from one event of progress to the next
-SHEET = (4, 2)  # pictures side by side, one below the other
-SHEET_SIZE = (400, 400)
+MOMENTS = 8  # pictures of a sheet
+SHEET_COLUMNS, SHEET_SIZE = 4, (400, 400)
+BESIDE_COLUMNS, BESIDE_SIZE = 4, (320, 360)  # several actions side by side: how many, and the size of each
+ROW_SIZE = (240, 320)  # a picture in a sheet that gives each of several actions a row
 CAMERA_SECONDS = 1.0  # the camera follows the head's path under a Gaussian of this standard deviation
 CAMERA_RATE = 10.0  # keys per second of the camera
 ABOVE_HEAD = 1.13  # height of a body over that of its head joint
@@ -39,13 +41,39 @@ SUFFIXES = {".mp4": "a video", ".png": "a sheet of pictures"}
 
 @dataclass(frozen=True)
 class Shot:
-    """What there is to see: an armature with an action, and the calibrated take that it was baked from, scaled about the world origin."""
+    """What there is to see: an armature with an action, and the calibrated take that it was baked from, scaled about the world origin.
+
+    head_height  standing height of the armature's head joint, world units
+    actions      the actions to compare, if there are several; they are shown beside each other, or in a sheet below each other
+    """
 
     armature: bpy.types.Object
     take: Take
     scale: float
     head_height: float
-    """standing height of the armature's head joint, world units"""
+    actions: tuple[bpy.types.Action, ...] = ()
+
+    @contextmanager
+    def playing(self, stage: bpy.types.Scene, action: bpy.types.Action | None) -> Iterator[None]:
+        """The armature does an action, which is named in the picture; without one it does what it does."""
+        if action is None:
+            yield
+            return
+        data = self.armature.animation_data
+        before = data.action, getattr(data, "action_slot", None)
+        render = stage.render
+        render.use_stamp, render.stamp_note_text = True, action.name
+        try:
+            _assign(data, action, action.slots[0] if hasattr(action, "slots") else None)
+            yield
+        finally:
+            _assign(data, *before)
+
+
+def _assign(data: bpy.types.AnimData, action: bpy.types.Action | None, slot: bpy.types.ActionSlot | None) -> None:
+    data.action = action
+    if slot is not None:
+        data.action_slot = slot
 
 
 def check_preview(path: Path) -> None:
@@ -95,6 +123,9 @@ def _look(stage: bpy.types.Scene) -> None:
     stage.view_settings.view_transform = "Standard"
     stage.render.engine = "BLENDER_WORKBENCH"
     stage.render.use_file_extension = False
+    for name in (name for name in dir(stage.render) if name.startswith("use_stamp")):
+        setattr(stage.render, name, name == "use_stamp_note")
+    stage.render.use_stamp = False
     shading = stage.display.shading
     shading.light, shading.color_type = "STUDIO", "MATERIAL"
     shading.show_shadows = shading.show_cavity = True
@@ -135,18 +166,25 @@ def video_frames(first: int, last: int, rate: float) -> tuple[range, float]:
 
 
 def _video(stage: bpy.types.Scene, shot: Shot, path: Path) -> Generator[Progress, None, None]:
-    _follow(stage, shot, VIDEO_SIZE)
+    actions = shot.actions or (None,)
+    _follow(stage, shot, BESIDE_SIZE if shot.actions else VIDEO_SIZE)
     stage.display.render_aa = "FXAA"
     frames, rate = video_frames(stage.frame_start, _last_frame(stage, shot), scene_rate(stage))
     with tempfile.TemporaryDirectory() as folder:
-        stage.render.filepath = str(Path(folder, "####.png"))
         stage.frame_step = frames.step
-        for start in range(0, len(frames), CHUNK):
-            yield Progress(start / len(frames), f"rendering {path.suffix[1:]}")
-            chunk = frames[start : start + CHUNK]
-            stage.frame_start, stage.frame_end = chunk[0], chunk[-1]
-            _render(stage, animation=True)
-        _encode(stage, sorted(Path(folder).iterdir()), rate, path)
+        for i, action in enumerate(actions):
+            stage.render.filepath = str(Path(folder, f"{i}-####.png"))
+            with shot.playing(stage, action):
+                for start in range(0, len(frames), CHUNK):
+                    yield Progress((i + start / len(frames)) / len(actions), f"rendering {path.suffix[1:]}")
+                    chunk = frames[start : start + CHUNK]
+                    stage.frame_start, stage.frame_end = chunk[0], chunk[-1]
+                    _render(stage, animation=True)
+        pictures = [sorted(Path(folder).glob(f"{i}-*.png")) for i in range(len(actions))]
+        if shot.actions:
+            for beside in zip(*pictures, strict=True):
+                _save_picture(_grid([_pixels(picture) for picture in beside], BESIDE_COLUMNS), beside[0])
+        _encode(stage, pictures[0], rate, path)
 
 
 def _encode(stage: bpy.types.Scene, pictures: list[Path], rate: float, path: Path) -> None:
@@ -169,21 +207,38 @@ def _encode(stage: bpy.types.Scene, pictures: list[Path], rate: float, path: Pat
 
 
 def _sheet(stage: bpy.types.Scene, shot: Shot, path: Path) -> Generator[Progress, None, None]:
-    _follow(stage, shot, SHEET_SIZE)
-    columns, rows = SHEET
-    frames = np.linspace(stage.frame_start, _last_frame(stage, shot), columns * rows).round().astype(int)
-    width, height = SHEET_SIZE
-    sheet = np.empty((rows * height, columns * width, 4), dtype=np.float32)
+    actions = shot.actions or (None,)
+    _follow(stage, shot, ROW_SIZE if shot.actions else SHEET_SIZE)
+    frames = np.linspace(stage.frame_start, _last_frame(stage, shot), MOMENTS).round().astype(int)
+    pictures = []
     with tempfile.TemporaryDirectory() as folder:
-        for i, frame in enumerate(frames.tolist()):
-            yield Progress(i / len(frames), f"rendering {path.suffix[1:]}")
-            pixels = _pixels(_picture(stage, frame, Path(folder, f"{i}.png")))
-            bottom, left = (rows - 1 - i // columns) * height, i % columns * width
-            sheet[bottom : bottom + height, left : left + width] = pixels
-    image = bpy.data.images.new("CBM Preview", columns * width, rows * height)
-    image.pixels.foreach_set(sheet.ravel())
+        for action in actions:
+            with shot.playing(stage, action):
+                for frame in frames.tolist():
+                    yield Progress(len(pictures) / len(frames) / len(actions), f"rendering {path.suffix[1:]}")
+                    pictures.append(_pixels(_picture(stage, frame, Path(folder, f"{len(pictures)}.png"))))
+    _save_picture(_grid(pictures, MOMENTS if shot.actions else SHEET_COLUMNS), path)
+
+
+def _grid(pictures: list[Array], columns: int) -> Array:
+    """Pictures [height, width, 4] of one size, from their lowest rows, in rows of so many from the top left, as one."""
+    height, width, _ = pictures[0].shape
+    columns = min(columns, len(pictures))
+    rows = -(-len(pictures) // columns)
+    grid = np.zeros((rows * height, columns * width, 4), dtype=np.float32)
+    for i, picture in enumerate(pictures):
+        bottom, left = (rows - 1 - i // columns) * height, i % columns * width
+        grid[bottom : bottom + height, left : left + width] = picture
+    return grid
+
+
+def _save_picture(pixels: Array, path: Path) -> None:
+    height, width, _ = pixels.shape
+    image = bpy.data.images.new("CBM Preview", width, height)
+    image.pixels.foreach_set(pixels.ravel())
     image.filepath_raw, image.file_format = str(path), "PNG"
     image.save()
+    bpy.data.images.remove(image)
 
 
 def _picture(stage: bpy.types.Scene, frame: int, path: Path) -> Path:

@@ -24,6 +24,9 @@ TILTED = 0.1  # share of samples with the head leant to its side, above which it
 HEADSET_HEIGHT = (0.5, 2.5)  # metres, median, when the origin is on the floor
 
 
+ROTATION_ORDERS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
+
+
 @dataclass(frozen=True)
 class TakeOverrides:
     """What the user knows better than the measurements. None: measure.
@@ -32,7 +35,7 @@ class TakeOverrides:
     axes            a key of AXES
     swap_hands      True: the file's left is the right hand; False: it is not, whatever is measured
     rate            samples per second (median): the times are stretched to it
-    rotation_order  of Euler angles, for example "ZYX" (intrinsic)
+    rotation_order  of Euler angles, one of ROTATION_ORDERS (intrinsic)
     keep_outliers   True: samples that no hand or head can have reached stay
     join_teleports  True: after a jump of the whole tracking space the take goes on where it was
     head, left, right  names of the objects, bones or joints, in files that hold many

@@ -64,6 +64,20 @@ def test_info_reports_defects_and_overrides(take_file, tmp_path, capsys):
     assert take["calibration"]["eye_height"] == pytest.approx(1.8)
 
 
+def test_a_table_has_a_line_for_every_file_and_a_broken_one_does_not_stop_it(take_file, clip_file, tmp_path, capsys):
+    broken = tmp_path / "broken.csv"
+    broken.write_text("no take", encoding="utf-8")
+    assert run("info", "--table", broken, take_file, clip_file, "--json", tmp_path / "report.json") == 2
+    said = capsys.readouterr()
+    header, *rows = said.out.splitlines()
+    assert [row.split()[0] for row in rows] == ["broken.csv", "take.csv", "clip.bvh"]
+    assert "refused: is not a take" in rows[0]
+    for row, column, value in ((1, "format", "native take CSV"), (1, "rate", "72.0"), (1, "unit", "m"), (1, "eyes", "1.65 measured"), (2, "axes", "Y up")):
+        assert rows[row][header.index(column) :].startswith(value)
+    assert said.err == "error: 1 of 3 files cannot be read; the last column says why\n"
+    assert ["refused" in facts for facts in json.loads((tmp_path / "report.json").read_text())["files"]] == [True, False, False]
+
+
 def test_info_plots_a_take_before_and_after_cleaning(tmp_path):
     take = sample_take()
     take.tracked[500:600, 1] = False

@@ -51,6 +51,53 @@ def test_calibration_overrides_what_was_measured(extension: ModuleType, short_ta
     assert bpy.context.scene.cbm.eye_height == pytest.approx(1.5), "a refused correction changes nothing"
 
 
+def test_a_corrected_setting_moves_the_trackers_at_once(extension: ModuleType, short_take: Path) -> None:
+    bpy.ops.cbm.import_take(filepath=str(short_take))
+    settings, head = bpy.context.scene.cbm, bpy.data.objects["short head"]
+    settings.eye_height = 1.65  # or another floor makes another stature
+    before = tracker(head)
+    settings.measure_floor, settings.floor = False, 0.25
+    np.testing.assert_allclose(tracker(head) - before, (0, 0, -0.25), atol=1e-5)
+    assert "floor: 0.250 m (given)" in settings.take_summary
+    settings.eye_height = 0.2
+    assert settings.take_summary.startswith("! --eye-height"), "what cannot be is said where the findings stand"
+    settings.eye_height, settings.measure_floor = 1.65, True
+    np.testing.assert_allclose(tracker(head), before, atol=1e-5)
+    assert (len(bpy.data.objects), len(bpy.data.actions)) == (4, 3), "the trackers are moved, and not made again"
+
+
+def tracker(obj: bpy.types.Object) -> np.ndarray:
+    """Where an object is in the middle of the take."""
+    bpy.context.scene.frame_set(40)
+    return np.array(obj.matrix_world.translation)
+
+
+def test_own_offsets_begin_as_those_of_the_device(extension: ModuleType, tmp_path: Path) -> None:
+    from bl_ext.user_default.cbm.cbm_addon.takes import native_csv
+    from bl_ext.user_default.cbm.cbm_addon.takes.sample_motion import sample_motion
+    from bl_ext.user_default.cbm.cbm_addon.takes.synthesize import synthesize
+
+    native_csv.write(tmp_path / "device.csv", synthesize(sample_motion(), "index"))
+    bpy.ops.cbm.import_take(filepath=str(tmp_path / "device.csv"))
+    settings, wrist = bpy.context.scene.cbm, bpy.data.objects["device left"]
+    settings.device = "index"
+    before = tracker(wrist)
+    settings.own_offsets = True
+    np.testing.assert_allclose(tracker(wrist), before, atol=1e-5)
+    settings.wrist_offset[1] += 0.1
+    assert np.linalg.norm(tracker(wrist) - before) == pytest.approx(0.1, abs=1e-3)
+
+
+def test_variations_become_actions_in_one_go(metarig: bpy.types.Object, short_take: Path) -> None:
+    settings = bpy.context.scene.cbm
+    settings.push_down = settings.reduce = True
+    assert bpy.ops.cbm.bake_take(take=str(short_take), rig=metarig.name, variations=2) == {"FINISHED"}
+    assert metarig.animation_data.action.name == "short_variation0"
+    (track,) = metarig.animation_data.nla_tracks
+    assert (track.name, track.mute, track.strips[0].action.name) == ("short_variation1", True, "short_variation1")
+    assert max(len(curve.keyframe_points) for curve in action_curves(metarig)) < 4 * 24 - 1
+
+
 def test_a_model_is_checked_before_it_is_chosen(extension: ModuleType, tmp_path: Path) -> None:
     assert bpy.ops.cbm.load_model() == {"FINISHED"}
     assert "'base'" in bpy.context.scene.cbm.model_summary

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -15,7 +16,7 @@ from cbm_addon.rigs.body import rig_body
 from cbm_addon.rigs.transfer import transfer
 from cbm_addon.scene.action import scene_frames, write_action
 from cbm_addon.scene.bake import rig_channels
-from cbm_addon.scene.preview import VIDEO_FRAMES, VIDEO_RATE, Shot, check_preview, render_preview, video_frames
+from cbm_addon.scene.preview import MOMENTS, ROW_SIZE, VIDEO_FRAMES, VIDEO_RATE, Shot, check_preview, render_preview, video_frames
 from cbm_addon.scene.proxy import add_proxy, meshes_of
 from cbm_addon.scene.rig import read_rig
 from cbm_addon.scene.rigify import rigify_human, rigify_metarig
@@ -61,6 +62,20 @@ def test_a_picture_shows_a_body_with_two_sides_on_a_floor(shot, tmp_path):
     assert 0.005 < right < 0.2, "the body's right is orange"
     assert first.std(axis=(0, 1)).max() > 0.05
     assert (blue > red + 0.15)[:, 60:-60].sum() == (blue > red + 0.15).sum(), "the body is in the middle of the picture"
+
+
+def test_variations_are_shown_below_each_other_and_the_first_stays(shot, tmp_path):
+    walk = shot.armature.animation_data.action
+    still = write_action(shot.armature, "still", np.array([1.0]), [])
+    write_action(shot.armature, "again", np.array([1.0]), [])
+    compared = replace(shot, actions=(walk, still))
+    run(render_preview(bpy.context.scene, compared, tmp_path / "sheet.png"))
+    sheet = pixels(tmp_path / "sheet.png")
+    assert sheet.shape == (2 * ROW_SIZE[1], MOMENTS * ROW_SIZE[0], 4)
+    lower, upper = sheet[: ROW_SIZE[1], : ROW_SIZE[0]], sheet[ROW_SIZE[1] :, : ROW_SIZE[0]]
+    body = slice(None, -20)  # below the name that is written into each
+    assert np.abs(lower[body] - upper[body]).max() > 0.2
+    assert shot.armature.animation_data.action.name == "again"
 
 
 def test_a_video_has_every_frame_of_a_short_take(shot, tmp_path):
