@@ -71,8 +71,7 @@ def box(half: np.ndarray, steps: int = 1) -> Mesh:
         for sign in (-1, 1):
             first = len(vertices)
             for i in np.linspace(-1, 1, steps + 1):
-                for j in np.linspace(-1, 1, steps + 1):
-                    vertices.append(np.roll([sign, i, j], axis) * half)
+                vertices += [np.roll([sign, i, j], axis) * half for j in np.linspace(-1, 1, steps + 1)]
             for i in range(steps):
                 for j in range(steps):
                     corner = first + i * (steps + 1) + j
