@@ -12,6 +12,7 @@ At angles of zero the fingers are straight in the plane of the palm, a little fa
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -107,7 +108,35 @@ class Hand:
 
     def positions(self, angles: Array) -> Array:
         """Positions [T, 20, 3] in the wrist's frame at angles [T, 20]."""
-        return self._placed(self.turns(angles))
+        by_finger = finger_angles(np.asarray(angles))
+        bends = np.cumsum(by_finger[..., :PHALANGES], -1)[..., None]
+        along, across, sideways = self._bent_steps
+        steps = self.spread(by_finger[..., 3], along + across * np.cos(bends) + sideways * np.sin(bends))
+        bases = np.broadcast_to(self.rest_positions[: len(JOINTS) : PHALANGES, None], (*steps.shape[:-2], 1, 3))
+        chain = np.cumsum(np.concatenate((bases, steps), -2), -2)
+        joints = chain[..., :PHALANGES, :].reshape(*steps.shape[:-3], len(JOINTS), 3)
+        return np.concatenate((joints, chain[..., PHALANGES, :]), -2).astype(np.float32)
+
+    def spread(self, angles: Array, vectors: Array) -> Array:
+        """Vectors [..., 5, M, 3] of the fingers turned by their spread [..., 5] (Rodrigues' formula)."""
+        axis = self.spread_axis[:, None]
+        cosine, sine = np.cos(angles)[..., None, None], np.sin(angles)[..., None, None]
+        along = (vectors * axis).sum(-1, keepdims=True) * axis
+        return along + (vectors - along) * cosine + (vectors @ _cross_matrix(self.spread_axis)) * sine
+
+    @cached_property
+    def _bent_steps(self) -> tuple[Array, Array, Array]:
+        """Rodrigues' formula for steps [5, 3, 3] that bend about the flex axes: what stays, what goes with the cosine, what with the sine."""
+        steps = self._local_steps.reshape(len(FINGERS), PHALANGES, 3)
+        axis = self.flex_axis[:, None]
+        along = (steps * axis).sum(-1, keepdims=True) * axis
+        return along, steps - along, np.cross(axis, steps)
+
+    @cached_property
+    def _local_steps(self) -> Array:
+        """From each joint to the next, or to the tip [15, 3], in the frame that bends with the phalanx."""
+        rest = self._orientations(self.rest_angles).reshape(len(JOINTS), 4)
+        return rotate(inverse(rest), _steps(self.rest_positions)).astype(np.float32)
 
     def angles_from_turns(self, turns: Array) -> Array:
         """The angles [T, 20] within the limits whose phalanges point, in the sense of least squares, where turns [T, 15, 4] point them."""
@@ -123,8 +152,7 @@ class Hand:
 
     def angles_from_directions(self, directions: Array) -> Array:
         """As `angles_from_positions`, from unit vectors along the phalanges [T, 15, 3]."""
-        rest = self._orientations(self.rest_angles).reshape(len(JOINTS), 4)
-        bent = rotate(inverse(rest), normalize(_steps(self.rest_positions)))  # where a phalanx points in the frame that bends with it
+        bent = normalize(self._local_steps)
         by_finger = directions.reshape(-1, len(FINGERS), PHALANGES, 3).astype(np.float64)
         angles, _ = _fit(by_finger, self.zero, self.spread_axis, self.flex_axis, finger_angles(self.limits.T), bent=bent.reshape(len(FINGERS), PHALANGES, 3))
         return angles.reshape(*directions.shape[:-2], len(ANGLES)).astype(np.float32)
@@ -136,7 +164,7 @@ class Hand:
         `palm` follow, from the wrist to the first joint of each finger.
         """
         placed = self.positions(angles)
-        ends = self._phalanx_ends(placed)
+        ends = self.phalanx_ends(placed)
         starts, radii = placed[:, : len(JOINTS)], self.radii
         if palm:
             bases = starts[:, ::PHALANGES]
@@ -145,15 +173,7 @@ class Hand:
         rotations = wrist_rotations[:, None]
         return rotate(rotations, starts) + wrist_positions[:, None], rotate(rotations, ends) + wrist_positions[:, None], radii
 
-    def _placed(self, turns: Array) -> Array:
-        """Positions [T, 20, 3] in the wrist's frame at turns [T, 15, 4]."""
-        steps = rotate(turns, _steps(self.rest_positions)).reshape(*turns.shape[:-2], len(FINGERS), PHALANGES, 3)
-        bases = np.broadcast_to(self.rest_positions[: len(JOINTS) : PHALANGES, None], (*steps.shape[:-2], 1, 3))
-        chain = np.cumsum(np.concatenate((bases, steps), -2), -2)
-        joints = chain[..., :PHALANGES, :].reshape(*turns.shape[:-2], len(JOINTS), 3)
-        return np.concatenate((joints, chain[..., PHALANGES, :]), -2).astype(np.float32)
-
-    def _phalanx_ends(self, placed: Array) -> Array:
+    def phalanx_ends(self, placed: Array) -> Array:
         """Where the axis of each phalanx ends [T, 15, 3]: at the next joint, at the tip one radius before it."""
         chain = _chain(placed)
         ends = chain[..., 1:, :].copy()
@@ -191,6 +211,13 @@ def _directions(positions: Array) -> Array:
 def _length(positions: Array) -> float:
     chain = _chain(positions)[FINGERS.index("Middle")]
     return float(np.linalg.norm(chain[0]) + np.linalg.norm(np.diff(chain, axis=0), axis=-1).sum())
+
+
+def _cross_matrix(axes: Array) -> Array:
+    """Matrices [..., 3, 3] with v @ matrix = axis x v."""
+    x, y, z = np.moveaxis(axes, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack((zero, z, -y, -z, zero, x, y, -x, zero), -1).reshape(*axes.shape[:-1], 3, 3)
 
 
 def _palm(side: Side, positions: Array) -> Array:

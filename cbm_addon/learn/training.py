@@ -22,24 +22,11 @@ from .config import TrainConfig
 from .dataset import Dataset
 from .networks import Blind, CodebookMatching, sample_codes, trunk
 from .rivals import ConditionalVae, ContinuousMatching
+from .statistics import Statistics
 
 Stage2 = CodebookMatching | ConditionalVae | ContinuousMatching
 LOSSES = ("control", "regression", "reconstruction", "matching")
 LAYOUTS = {"window": TRACKERS, "control": CONTROL, "lower_body": LOWER_BODY}
-
-
-@dataclass(frozen=True)
-class Statistics:
-    """Mean and deviation of each number of a feature vector; constant numbers get a deviation of 1."""
-
-    mean: Tensor
-    deviation: Tensor
-
-    def normalise(self, values: Tensor) -> Tensor:
-        return (values - self.mean) / self.deviation
-
-    def restore(self, values: Tensor) -> Tensor:
-        return values * self.deviation + self.mean
 
 
 @dataclass

@@ -164,3 +164,19 @@ def test_what_is_no_hand_is_refused() -> None:
     line[:, 2] = 0
     with pytest.raises(InputError, match=r"span the palm"):
         Hand.from_rest("right", line + np.arange(20, dtype=np.float32)[:, None] * [0, 0.001, 0])
+
+
+@given(seeds)
+@settings(max_examples=15, deadline=None)
+def test_positions_are_those_of_the_turns(seed: int) -> None:
+    hand = Hand.from_rest("left", straight_hand() * MIRROR)
+    angles = sampled(seed)
+    steps = rotate(hand.turns(angles), hand_steps(hand.rest_positions))
+    np.testing.assert_allclose(hand_steps(hand.positions(angles)), steps, atol=1e-6)
+
+
+def hand_steps(positions: np.ndarray) -> np.ndarray:
+    """From each joint to the next, or to the tip [..., 15, 3]."""
+    joints = positions[..., :15, :].reshape(*positions.shape[:-2], 5, 3, 3)
+    following = np.concatenate((joints[..., 1:, :], positions[..., 15:, None, :]), -2)
+    return (following - joints).reshape(*positions.shape[:-2], 15, 3)
