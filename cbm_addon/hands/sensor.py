@@ -75,9 +75,7 @@ def reachable_grid(cell: float = CELL, seed: int = 0) -> Grid:
     return Grid(size, corner, inside)
 
 
-def sense(
-    grid: Grid, hand: Hand, wrists: tuple[Array, Array], nearest: Callable[[Array, Array], tuple[Array, Array]], frames: Array
-) -> Array:
+def sense(grid: Grid, hand: Hand, wrists: tuple[Array, Array], nearest: Callable[[Array, Array], tuple[Array, Array]], frames: Array) -> Array:
     """Occupancy [F, C] around the hand at `frames` int [F] of wrists (positions [T, 3], rotations [T, 4]).
 
     `nearest(frames, points [F, M, 3])` gives distances [F, M] and normals, as obstacle.over_time makes it.

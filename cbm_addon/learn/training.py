@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..features import CONTROL, LOWER_BODY, LOWER_JOINTS, MODES, TRACKERS, Mode
 from ..progress import Progress, part
 from .augment import misjudge_height
-from .config import TrainConfig
+from .config import Trainable, TrainConfig
 from .dataset import Dataset
 from .networks import Blind, CodebookMatching, sample_codes, trunk
 from .rivals import ConditionalVae, ContinuousMatching
@@ -214,7 +214,7 @@ def train_mode(data: dict[str, Dataset], mode: Mode, config: TrainConfig, checkp
     return networks
 
 
-def save_checkpoint(path: Path, modules: nn.ModuleDict, optimiser: torch.optim.Optimizer, config: TrainConfig, history: list[dict[str, float]]) -> None:
+def save_checkpoint(path: Path, modules: nn.ModuleDict, optimiser: torch.optim.Optimizer, config: Trainable, history: list[dict[str, float]]) -> None:
     """Parameters and AdamW's moments as plain arrays; written beside and renamed, so that a kill leaves the last good one."""
     arrays = {f"parameter/{key}": value.numpy() for key, value in modules.state_dict().items()}
     for index, parameter in enumerate(optimiser.param_groups[0]["params"]):
@@ -227,7 +227,7 @@ def save_checkpoint(path: Path, modules: nn.ModuleDict, optimiser: torch.optim.O
     temporary.replace(path)
 
 
-def load_checkpoint(path: Path, modules: nn.ModuleDict, optimiser: torch.optim.Optimizer, config: TrainConfig) -> list[dict[str, float]]:
+def load_checkpoint(path: Path, modules: nn.ModuleDict, optimiser: torch.optim.Optimizer, config: Trainable) -> list[dict[str, float]]:
     """Restores a checkpoint and returns its history, an entry for each epoch; empty if there is none."""
     if not path.exists():
         return []

@@ -1,0 +1,149 @@
+"""Geometry that is made around a pose which it leaves free: independent noise as in the paper, and solid shapes.
+
+All in the palm's frame and in lengths of the hand.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...hands.contact import PALM_SHARES, Probe
+from ...hands.hand import FINGERS, JOINTS, PALM_RADIUS, PHALANGES, finger_angles
+from ...hands.sensor import Grid, wanted_places
+from ...motion.rotations import Array, matrix_from_quat, normalize
+from .pose_bank import HandBank, at_the_origin
+
+CARVED = 0.08  # a shape that a hand enters deeper than this is cut out around it; others give way as a whole
+LARGE = 5.0  # half sizes of a half space
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What the network takes and what it is to give: occupancy [N, C], places [N, 60], angles [N, 20]."""
+
+    occupancy: Array
+    places: Array
+    angles: Array
+
+
+def noise_samples(bank: HandBank, grid: Grid, count: int, random: np.random.Generator) -> Samples:
+    """Eq. 9: cells of the hand are empty, all others random. Eq. 10: each joint is wanted somewhere between where it is and the nearest
+    cell that is not empty."""
+    chosen = random.integers(len(bank.angles), size=count)
+    angles, free = bank.angles[chosen], bank.hand_distances(chosen) >= grid.cell
+    occupancy = np.where(free, random.random(free.shape), 0).astype(np.float32)
+    centres = grid.centres()
+    places = wanted_places(bank.hand, bank.hand.positions(angles)).reshape(count, -1, 3)
+    apart = (places * places).sum(-1, keepdims=True) - 2 * places @ centres.T + (centres * centres).sum(-1)
+    closest = centres[np.where(free[:, None], apart, np.inf).argmin(-1)]
+    share = random.random((*places.shape[:2], 1)).astype(np.float32)
+    return Samples(occupancy, (places + share * (closest - places)).reshape(count, -1), angles)
+
+
+@dataclass(frozen=True)
+class Solids:
+    """One rounded box for each sample: what spheres, boxes, capsules, sheets and half spaces are. `offset` moves their surface inwards.
+
+    centres [N, 3], rotations [N, 3, 3] (columns are its axes), halves [N, 3], rounding [N], offset [N]
+    """
+
+    centres: Array
+    rotations: Array
+    halves: Array
+    rounding: Array
+    offset: Array
+
+    def distances(self, points: Array) -> Array:
+        """Signed distances [N, M] of points [N, M, 3] or [M, 3]."""
+        turned = points @ self.rotations - (self.centres[:, None] @ self.rotations)
+        local = np.abs(turned, out=turned)
+        local -= self.halves[:, None]
+        inside = np.minimum(np.maximum(np.maximum(local[..., 0], local[..., 1]), local[..., 2]), 0)
+        outside = np.maximum(local, 0, out=local)
+        return np.sqrt(np.einsum("nmi,nmi->nm", outside, outside)) + inside - (self.rounding - self.offset)[:, None]
+
+
+def random_solids(near: Array, random: np.random.Generator) -> Solids:
+    """Solids [N] of every kind whose surfaces pass near the points `near` [N, 3]."""
+    count = len(near)
+    kind = random.choice(5, size=count, p=(0.2, 0.25, 0.2, 0.2, 0.15))
+    size = np.exp(random.uniform(np.log(0.06), np.log(0.6), size=(count, 3)))
+    zero = np.zeros(count)
+    halves = np.select(
+        [(kind == k)[:, None] for k in range(5)],
+        [
+            np.zeros((count, 3)),  # sphere
+            size,  # box
+            np.stack((zero, zero, 0.1 + size[:, 0]), -1),  # capsule
+            np.stack((0.2 + size[:, 0], 0.2 + size[:, 1], zero), -1),  # sheet
+            np.full((count, 3), LARGE),  # half space
+        ],
+    )
+    rounding = np.select([kind == k for k in range(5)], [0.06 + 0.5 * size[:, 0], zero + 0.01, 0.03 + 0.3 * size[:, 1] ** 1.5, 0.01 + 0.03 * size[:, 2], zero])
+    turn = matrix_from_quat(normalize(random.normal(size=(count, 4)))).astype(np.float32)
+    # A random point of the surface comes to lie at `near`: along a random axis for boxes, anywhere over the face.
+    axis = np.where(kind == 3, 2, random.integers(3, size=count))
+    on_face = random.uniform(-1, 1, size=(count, 3)) * halves * np.where(kind == 4, 0, 0.9)[:, None]
+    side = random.choice([-1, 1], size=count)
+    on_face[np.arange(count), axis] = side * (halves[np.arange(count), axis] + rounding)
+    centres = near - (turn @ on_face[..., None])[..., 0]
+    return Solids(*(values.astype(np.float32) for values in (centres, turn, halves, rounding, zero)))
+
+
+def shape_samples(bank: HandBank, grid: Grid, count: int, random: np.random.Generator) -> Samples:
+    """Solid shapes that touch a free pose or come near it, and a wanted pose some fingers of which are bent into them."""
+    chosen = random.integers(len(bank.angles), size=count)
+    hand, angles = bank.hand, bank.angles[chosen]
+    probe = Probe(hand, at_the_origin(count))
+    points, radii = _touching(bank, probe, angles)
+    fingers = radii.shape[0] - len(FINGERS) * len(PALM_SHARES)
+    cells, distances, solids = grid.centres(), np.full((count, grid.count), np.inf, np.float32), []
+    for number in range(2):
+        near = points[np.arange(count), random.integers(fingers, size=count)] + random.normal(scale=0.04, size=(count, 3))
+        solid = random_solids(near, random)
+        clearance = (solid.distances(points) - radii).min(-1)
+        gap = np.where(random.random(count) < 0.7, 0, random.exponential(0.04, size=count))
+        offset = gap - clearance
+        deep = clearance < -CARVED
+        solid = Solids(solid.centres, solid.rotations, solid.halves, solid.rounding, np.where(deep, 0, offset).astype(np.float32))
+        if number:  # only some see a second shape
+            solid.centres[random.random(count) > 0.35] += 2 * LARGE
+        here = solid.distances(cells)
+        distances = np.minimum(distances, np.where(deep[:, None], np.maximum(here, -bank.hand_distances(chosen)), here))
+        solids.append(solid)
+    wanted = _bent_into(probe, angles, solids, random)
+    return Samples(grid.occupancy(distances), wanted_places(hand, hand.positions(wanted)), angles)
+
+
+def _touching(bank: HandBank, probe: Probe, angles: Array) -> tuple[Array, Array]:
+    """Points of fingers and palm [N, M, 3] and their radii [M]."""
+    hand = bank.hand
+    points = probe.points(hand.positions(angles)).reshape(len(angles), -1, 3)
+    bases = hand.rest_positions[: len(JOINTS) : PHALANGES]
+    palm = (bases[:, None] * np.array(PALM_SHARES, np.float32)[:, None]).reshape(-1, 3)
+    everything = np.concatenate((points, np.broadcast_to(palm, (len(angles), *palm.shape))), 1)
+    radii = np.concatenate((probe.radii.reshape(-1), np.full(len(palm), PALM_RADIUS * hand.length)))
+    return (everything @ hand.palm / hand.length).astype(np.float32), (radii / hand.length).astype(np.float32)
+
+
+def _bent_into(probe: Probe, angles: Array, solids: list[Solids], random: np.random.Generator) -> Array:
+    """Wanted angles [N, 20]: each finger bent or straightened until it is inside a shape, by no more than it takes plus a random excess;
+    fingers that meet none stay, but for a little noise."""
+    hand, count = probe.hand, len(angles)
+    direction = random.choice([-1, 1], size=(count, len(FINGERS), 1)) * random.uniform(0.3, 1, size=(count, len(FINGERS), 4)) * [1.0, 1.0, 0.6, 0.0]
+    direction[..., 3] = random.normal(scale=0.15, size=(count, len(FINGERS)))
+    wanted = (finger_angles(angles) + random.normal(scale=0.03, size=(count, len(FINGERS), 4))).astype(np.float32)
+    undecided = np.ones((count, len(FINGERS)), bool)
+    excess = random.uniform(0, 0.5, size=(count, len(FINGERS)))
+    for amount in (0.2, 0.45, 0.75, 1.1):
+        tried = np.clip(finger_angles(angles) + (amount + excess[..., None]) * direction, *finger_angles(hand.limits.T)).astype(np.float32)
+        points = probe.points(hand.positions(tried.reshape(count, -1)))
+        depth = probe.radii / hand.length - np.minimum(
+            *(solid.distances(points.reshape(count, -1, 3) @ hand.palm / hand.length).reshape(points.shape[:-1]) for solid in solids)
+        )
+        meets = undecided & (depth.max(-1) > 0.01)
+        wanted = np.where(meets[..., None], tried, wanted)
+        undecided &= ~meets
+    return wanted.reshape(count, -1)
