@@ -18,7 +18,7 @@ from .console import Console
 from .errors import InputError
 from .outputs import replacing
 
-COMMANDS = ("info", "convert", "record", "synthesize", "train", "solve", "bake", "rigs", "evaluate", "toy", "models")
+COMMANDS = ("info", "convert", "record", "synthesize", "train", "solve", "bake", "fingers", "rigs", "evaluate", "toy", "models")
 
 DONE, OUR_FAULT, BAD_INPUT, CANCELLED = 0, 1, 2, 130
 

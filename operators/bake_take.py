@@ -10,11 +10,11 @@ from ..cbm_addon.errors import InputError
 from ..cbm_addon.progress import Job
 from ..cbm_addon.scene.bake import BakeOptions, BakeReport, bake
 from ..cbm_addon.scene.modal import ModalJob
-from ..cbm_addon.scene.rig import find_armature
 from ..cbm_addon.scene.takes import scale_trackers
 from ..cbm_addon.solve.models import load_model
 from ..cbm_addon.takes.calibrate import calibrate
 from ..cbm_addon.takes.readers import read_take
+from .properties import chosen_armature
 
 
 class CBM_OT_bake_take(bpy.types.Operator, ModalJob):
@@ -38,18 +38,10 @@ class CBM_OT_bake_take(bpy.types.Operator, ModalJob):
         self._take_name = take.name
         calibrated = calibrate(take, settings.calibration())
         model = load_model(settings.model_folder())
-        return bake(context, self._armature(context), calibrated, model, BakeOptions(settings.part, settings.solve_options(), settings.root, settings.table()))
+        return bake(context, chosen_armature(context, self.rig), calibrated, model, BakeOptions(settings.part, settings.solve_options(), settings.root, settings.table()))
 
     def finish(self, context: bpy.types.Context, result: BakeReport) -> None:
         scale_trackers(context.scene, self._take_name, result.scale)
         for device, error in result.tracker_errors.items():
             self.report({"INFO"}, f"{device} within 1 cm of its tracker at {error.share_within_1_cm:.0%} of frames, {error.max_cm:.1f} cm at most")
         self.report({"INFO"}, f"{result.action}: {result.frames} frames at {result.fps:g} fps in {result.seconds:.1f} s")
-
-    def _armature(self, context: bpy.types.Context) -> bpy.types.Object:
-        if self.rig:
-            return find_armature(self.rig)
-        chosen = context.scene.cbm.rig or context.active_object
-        if chosen is None:
-            raise InputError("Rig", "none is chosen; choose an armature")
-        return chosen

@@ -55,7 +55,9 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
     started = time.perf_counter()
     options = solve_options(args)
     table = load_table(args.map) if args.map else None
-    _check(args, args.blend or blend_file.opened())
+    if args.variations < 1:
+        raise InputError("--variations", f"is {args.variations}; at least 1 is needed")
+    blend_file.check_files(args.blend, args.output)
     for preview in args.preview:
         check_preview(preview)
     with replacing_all([args.output, *args.preview], args.overwrite) as (blend, *previews):
@@ -95,17 +97,6 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
         "bakes": bakes,
         "total_seconds": seconds,
     }
-
-
-def _check(args: argparse.Namespace, source: Path | None) -> None:
-    if args.variations < 1:
-        raise InputError("--variations", f"is {args.variations}; at least 1 is needed")
-    if args.blend and not args.blend.is_file():
-        raise InputError(args.blend, "does not exist; name a .blend file")
-    if source and args.output.resolve() == source.resolve():
-        raise InputError(args.output, "is the file that is read; write to another one")
-    if args.output.suffix.lower() != ".blend":
-        raise InputError(args.output, "must end in .blend")
 
 
 def _wanted(paths: list[Path], recordings: list[Calibrated], options: SolveOptions, variations: int) -> Iterator[tuple[Path, Calibrated, SolveOptions]]:

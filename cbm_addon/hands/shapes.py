@@ -6,10 +6,11 @@ Where the nearest point of the surface is not unique, the normal is that of one 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
-from ..motion.rotations import IDENTITY, Array, inverse, normalize, rotate
+from ..motion.rotations import IDENTITY, Array, inverse, matrix_from_quat, normalize, rotate
 from .obstacle import Obstacle, empty
 
 _TINY = 1e-9
@@ -109,6 +110,11 @@ class Capsules:
         return distance[chosen].astype(np.float32), _directions(offset[chosen], length[chosen])
 
 
+def together(capsules: list[Capsules]) -> Capsules:
+    """Several lists of capsules, at least one, as one."""
+    return Capsules(*(np.concatenate(values) for values in zip(*((each.starts, each.ends, each.radii) for each in capsules), strict=True)))
+
+
 def capsule(start: Array, end: Array, radius: float) -> Capsules:
     """One capsule."""
     return Capsules(np.asarray(start, np.float32)[None], np.asarray(end, np.float32)[None], np.array([radius], np.float32))
@@ -138,7 +144,10 @@ class Moved:
     position: Array
     rotation: Array = field(default_factory=lambda: IDENTITY)
 
+    @cached_property
+    def _axes(self) -> Array:
+        return matrix_from_quat(np.asarray(self.rotation, np.float32))
+
     def nearest(self, points: Array) -> tuple[Array, Array]:
-        local = rotate(inverse(self.rotation), points - self.position)
-        distance, normals = self.obstacle.nearest(local.astype(np.float32))
-        return distance, rotate(self.rotation, normals).astype(np.float32)
+        distance, normals = self.obstacle.nearest(((points - self.position) @ self._axes).astype(np.float32))
+        return distance, (normals @ self._axes.T).astype(np.float32)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
-from ..motion.rotations import Array, normalize
+from ..motion.rotations import Array, multiply, normalize, rotate
+from .fingers import FingerBones
 from .rig import SIDES, Rig
 
 # Radii where a part begins and where it ends, and half of the distance between the two capsules that make a part wide; shares of the
@@ -58,7 +60,7 @@ def body_colliders(rig: Rig) -> list[Collider]:
         spine.append(parent)
     up = np.array([0.0, 0, unit])
     parts = [part("Head", at["Head"] + SKULL[1] * up, HEAD, at["Head"] + SKULL[0] * up)]
-    for upper, lower in zip(spine, spine[1:], strict=False):
+    for upper, lower in pairwise(spine):
         sizes = NECK if lower == "Neck" or (upper == "Head" and "Neck" not in joints) else TRUNK
         parts.append(part(lower, at[upper], sizes))
     for side in SIDES:
@@ -106,3 +108,13 @@ def _around(collider: Collider, points: Array) -> tuple[Array, Array]:
         distance = np.linalg.norm(offset - share[:, None] * along, axis=-1)
         best_share, best = np.where(distance < best, share, best_share), np.minimum(best, distance)
     return best_share, best
+
+
+def finger_colliders(rig: Rig, fingers: FingerBones, radii: Array, palm: float) -> list[Collider]:
+    """The phalanges of a hand [15], as thick as `radii` [15], and the palm from the wrist to the first joints [5], `palm` thick; world units."""
+    wrist = multiply(rig.object_rotation, rig.rest_rotation(fingers.wrist))
+    places = rotate(wrist, fingers.positions) + rig.head(fingers.wrist)
+    chains = np.concatenate((places[:15].reshape(5, 3, 3), places[15:, None]), axis=1)
+    ends = zip(chains[:, :3].reshape(-1, 3), chains[:, 1:].reshape(-1, 3), radii.tolist(), strict=True)
+    phalanges = [Collider(fingers.wrist, "Finger", start, end, (radius, radius), np.zeros(3)) for start, end, radius in ends]
+    return phalanges + [Collider(fingers.wrist, "Palm", rig.head(fingers.wrist), base, (palm, palm), np.zeros(3)) for base in chains[:, 0]]

@@ -28,6 +28,7 @@ from ..takes.calibrate import Calibrated
 from ..takes.synthesize import TRACKED_JOINTS
 from ..takes.take import DEVICES
 from .action import Channel, location_channel, object_channels, pose_path, require_free, rotation_channel, scene_frames, scene_rate, write_action
+from .nla import play_below
 from .rig import read_rig, require_editable
 
 MEASURED_FRAMES = 120  # on how many frames the evaluated rig is compared with the trackers
@@ -174,26 +175,10 @@ def _write(armature: bpy.types.Object, name: str, frames: np.ndarray, channels: 
     action = write_action(armature, name, frames, channels)
     action[PART] = part
     if previous is not None and part == "lower" and previous.get(PART) != "lower":
-        _play_below(data, previous, slot, frames)
+        play_below(data, previous, slot, frames)
     elif previous is not None:
         previous.use_fake_user = True  # or it would leave the file with its last user
     return action
-
-
-def _play_below(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None, frames: np.ndarray) -> None:
-    """Plays an action as an NLA strip below the active one, which replaces it where it has curves of its own.
-
-    A strip, and not a copy of its curves, because the animator's action stays the one that is edited and ours stays free of their keys.
-    """
-    start = min(action.frame_range[0], frames[0])
-    end = max(action.frame_range[1], frames[-1], start + 1)
-    track = data.nla_tracks.new()
-    track.name = action.name
-    strip = track.strips.new(action.name, int(start), action)
-    if slot is not None:
-        strip.action_slot = slot
-    strip.action_frame_start, strip.action_frame_end = start, end  # wide enough for the curves' own extrapolation to show
-    strip.frame_start, strip.frame_end = start, end
 
 
 def _tracker_errors(context: bpy.types.Context, armature: bpy.types.Object, rig: Rig, frames: np.ndarray, trackers: Array) -> dict[str, TrackerError]:
