@@ -38,7 +38,13 @@ class CBM_OT_bake_take(bpy.types.Operator, ModalJob):
         self._take_name = take.name
         calibrated = calibrate(take, settings.calibration())
         model = load_model(settings.model_folder())
-        return bake(context, chosen_armature(context, self.rig), calibrated, model, BakeOptions(settings.part, settings.solve_options(), settings.root, settings.table()))
+        return bake(
+            context,
+            chosen_armature(context, self.rig),
+            calibrated,
+            model,
+            BakeOptions(settings.part, settings.solve_options(), settings.root, settings.table()),
+        )
 
     def finish(self, context: bpy.types.Context, result: BakeReport) -> None:
         scale_trackers(context.scene, self._take_name, result.scale)

@@ -129,7 +129,10 @@ def add_things(armature: bpy.types.Object, rig: Rig, shown: HandScene) -> list[b
     scale = fingers.length / HAND_LENGTH
     solved = rig_body(rig)
     wrist = evaluated_matrices(armature, [fingers.wrist], np.array([scene.frame_start]))[fingers.wrist][0]
-    turn = multiply(quat_from_rotvec(np.radians(np.array(shown.arm.get("Arm", [(0, 0, 0)])[0], float))), quat_from_rotvec(np.radians(np.array(shown.arm.get("Hand", [(0, 0, 0)])[0], float))))
+    turn = multiply(
+        quat_from_rotvec(np.radians(np.array(shown.arm.get("Arm", [(0, 0, 0)])[0], float))),
+        quat_from_rotvec(np.radians(np.array(shown.arm.get("Hand", [(0, 0, 0)])[0], float))),
+    )
     del solved
     things = []
     for (vertices, triangles), turned, place in shown.things():

@@ -142,7 +142,6 @@ class _Thing:
     _topology: Topology | None = None
     _last: _Pose | None = None
 
-
     @property
     def vertices(self) -> Array:
         return _placed(self.local, self.matrix)
