@@ -44,6 +44,7 @@ RADII = np.array([[0.066, 0.055, 0.046], [0.050, 0.044, 0.038], [0.050, 0.044, 0
 PALM_RADIUS = 0.055
 
 Side = Literal["left", "right"]
+EVERY = slice(None)
 
 
 def finger_angles(angles: Array) -> Array:
@@ -109,20 +110,24 @@ class Hand:
     def positions(self, angles: Array) -> Array:
         """Positions [T, 20, 3] in the wrist's frame at angles [T, 20]."""
         by_finger = finger_angles(np.asarray(angles))
-        bends = np.cumsum(by_finger[..., :PHALANGES], -1)[..., None]
-        along, across, sideways = self._bent_steps
-        steps = self.spread(by_finger[..., 3], along + across * np.cos(bends) + sideways * np.sin(bends))
-        bases = np.broadcast_to(self.rest_positions[: len(JOINTS) : PHALANGES, None], (*steps.shape[:-2], 1, 3))
-        chain = np.cumsum(np.concatenate((bases, steps), -2), -2)
-        joints = chain[..., :PHALANGES, :].reshape(*steps.shape[:-3], len(JOINTS), 3)
-        return np.concatenate((joints, chain[..., PHALANGES, :]), -2).astype(np.float32)
+        chains = self.chains(by_finger)
+        joints = chains[..., :PHALANGES, :].reshape(*by_finger.shape[:-2], len(JOINTS), 3)
+        return np.concatenate((joints, chains[..., PHALANGES, :]), -2).astype(np.float32)
 
-    def spread(self, angles: Array, vectors: Array) -> Array:
-        """Vectors [..., 5, M, 3] of the fingers turned by their spread [..., 5] (Rodrigues' formula)."""
-        axis = self.spread_axis[:, None]
+    def chains(self, angles: Array, fingers: np.ndarray | slice = EVERY) -> Array:
+        """The three joints and the tip of fingers [..., R, 4, 3] at their angles [..., R, 4]; `fingers` int [R] says which they are."""
+        bends = np.cumsum(angles[..., :PHALANGES], -1)[..., None]
+        along, across, sideways = (part[fingers] for part in self._bent_steps)
+        steps = self.spread(angles[..., 3], along + across * np.cos(bends) + sideways * np.sin(bends), fingers)
+        bases = np.broadcast_to(self.rest_positions[: len(JOINTS) : PHALANGES, None][fingers], (*steps.shape[:-2], 1, 3))
+        return np.cumsum(np.concatenate((bases, steps), -2), -2)
+
+    def spread(self, angles: Array, vectors: Array, fingers: np.ndarray | slice = EVERY) -> Array:
+        """Vectors [..., R, M, 3] of fingers turned by their spread [..., R] (Rodrigues' formula)."""
+        axis = self.spread_axis[fingers][:, None]
         cosine, sine = np.cos(angles)[..., None, None], np.sin(angles)[..., None, None]
         along = (vectors * axis).sum(-1, keepdims=True) * axis
-        return along + (vectors - along) * cosine + (vectors @ _cross_matrix(self.spread_axis)) * sine
+        return along + (vectors - along) * cosine + (vectors @ _cross_matrix(self.spread_axis)[fingers]) * sine
 
     @cached_property
     def _bent_steps(self) -> tuple[Array, Array, Array]:
@@ -163,9 +168,9 @@ class Hand:
         The first 15 are the phalanges, in the order of JOINTS; the last of each finger ends so that its cap touches the tip. Those of the
         `palm` follow, from the wrist to the first joint of each finger.
         """
-        placed = self.positions(angles)
-        ends = self.phalanx_ends(placed)
-        starts, radii = placed[:, : len(JOINTS)], self.radii
+        chains = self.chains(finger_angles(np.asarray(angles)))
+        starts, ends = (part.reshape(-1, len(JOINTS), 3).astype(np.float32) for part in (chains[..., :PHALANGES, :], self.axis_ends(chains)))
+        radii = self.radii
         if palm:
             bases = starts[:, ::PHALANGES]
             starts, ends = np.concatenate((starts, np.zeros_like(bases)), 1), np.concatenate((ends, bases), 1)
@@ -173,14 +178,13 @@ class Hand:
         rotations = wrist_rotations[:, None]
         return rotate(rotations, starts) + wrist_positions[:, None], rotate(rotations, ends) + wrist_positions[:, None], radii
 
-    def phalanx_ends(self, placed: Array) -> Array:
-        """Where the axis of each phalanx ends [T, 15, 3]: at the next joint, at the tip one radius before it."""
-        chain = _chain(placed)
-        ends = chain[..., 1:, :].copy()
-        last = chain[..., PHALANGES, :] - chain[..., PHALANGES - 1, :]
+    def axis_ends(self, chains: Array, fingers: np.ndarray | slice = EVERY) -> Array:
+        """Where the axes of phalanges end [..., R, 3, 3]: at the next joint, and one radius before the tip."""
+        ends = chains[..., 1:, :].copy()
+        last = chains[..., PHALANGES, :] - chains[..., PHALANGES - 1, :]
         lengths = np.linalg.norm(last, axis=-1, keepdims=True)
-        ends[..., -1, :] -= last * np.minimum(self.radii[PHALANGES - 1 :: PHALANGES, None] / np.maximum(lengths, 1e-9), 0.7)
-        return ends.reshape(*placed.shape[:-2], len(JOINTS), 3)
+        ends[..., -1, :] -= last * np.minimum(self.radii[PHALANGES - 1 :: PHALANGES, None][fingers] / np.maximum(lengths, 1e-9), 0.7)
+        return ends
 
     def _orientations(self, angles: Array) -> Array:
         """Orientation [..., 5, 3, 4] of each phalanx against the straight finger at angles of zero."""

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...hands.contact import PALM_SHARES, Probe
-from ...hands.hand import FINGERS, JOINTS, PALM_RADIUS, PHALANGES, finger_angles
+from ...hands.contact import SOLVING, axis_points, palm_points, point_radii
+from ...hands.hand import FINGERS, Hand, finger_angles
 from ...hands.sensor import Grid, wanted_places
 from ...motion.rotations import Array, matrix_from_quat, normalize
-from .pose_bank import HandBank, at_the_origin
+from .pose_bank import HandBank
 
 CARVED = 0.08  # a shape that a hand enters deeper than this is cut out around it; others give way as a whole
 LARGE = 5.0  # half sizes of a half space
@@ -96,9 +96,8 @@ def shape_samples(bank: HandBank, grid: Grid, count: int, random: np.random.Gene
     """Solid shapes that touch a free pose or come near it, and a wanted pose some fingers of which are bent into them."""
     chosen = random.integers(len(bank.angles), size=count)
     hand, angles = bank.hand, bank.angles[chosen]
-    probe = Probe(hand, at_the_origin(count))
-    points, radii = _touching(bank, probe, angles)
-    fingers = radii.shape[0] - len(FINGERS) * len(PALM_SHARES)
+    points, radii = _touching(hand, angles)
+    fingers = point_radii(hand, SOLVING).size
     cells, distances, solids = grid.centres(), np.full((count, grid.count), np.inf, np.float32), []
     for number in range(2):
         near = points[np.arange(count), random.integers(fingers, size=count)] + random.normal(scale=0.04, size=(count, 3))
@@ -113,25 +112,23 @@ def shape_samples(bank: HandBank, grid: Grid, count: int, random: np.random.Gene
         here = solid.distances(cells)
         distances = np.minimum(distances, np.where(deep[:, None], np.maximum(here, -bank.hand_distances(chosen)), here))
         solids.append(solid)
-    wanted = _bent_into(probe, angles, solids, random)
+    wanted = _bent_into(hand, angles, solids, random)
     return Samples(grid.occupancy(distances), wanted_places(hand, hand.positions(wanted)), angles)
 
 
-def _touching(bank: HandBank, probe: Probe, angles: Array) -> tuple[Array, Array]:
-    """Points of fingers and palm [N, M, 3] and their radii [M]."""
-    hand = bank.hand
-    points = probe.points(hand.positions(angles)).reshape(len(angles), -1, 3)
-    bases = hand.rest_positions[: len(JOINTS) : PHALANGES]
-    palm = (bases[:, None] * np.array(PALM_SHARES, np.float32)[:, None]).reshape(-1, 3)
+def _touching(hand: Hand, angles: Array) -> tuple[Array, Array]:
+    """Points of fingers and then of the palm [N, M, 3], and their radii [M]."""
+    points = axis_points(hand, hand.chains(finger_angles(angles)), SOLVING).reshape(len(angles), -1, 3)
+    palm, palm_radii = palm_points(hand)
     everything = np.concatenate((points, np.broadcast_to(palm, (len(angles), *palm.shape))), 1)
-    radii = np.concatenate((probe.radii.reshape(-1), np.full(len(palm), PALM_RADIUS * hand.length)))
+    radii = np.concatenate((point_radii(hand, SOLVING).reshape(-1), palm_radii))
     return (everything @ hand.palm / hand.length).astype(np.float32), (radii / hand.length).astype(np.float32)
 
 
-def _bent_into(probe: Probe, angles: Array, solids: list[Solids], random: np.random.Generator) -> Array:
+def _bent_into(hand: Hand, angles: Array, solids: list[Solids], random: np.random.Generator) -> Array:
     """Wanted angles [N, 20]: each finger bent or straightened until it is inside a shape, by no more than it takes plus a random excess;
     fingers that meet none stay, but for a little noise."""
-    hand, count = probe.hand, len(angles)
+    count, radii = len(angles), point_radii(hand, SOLVING)
     direction = random.choice([-1, 1], size=(count, len(FINGERS), 1)) * random.uniform(0.3, 1, size=(count, len(FINGERS), 4)) * [1.0, 1.0, 0.6, 0.0]
     direction[..., 3] = random.normal(scale=0.15, size=(count, len(FINGERS)))
     wanted = (finger_angles(angles) + random.normal(scale=0.03, size=(count, len(FINGERS), 4))).astype(np.float32)
@@ -139,8 +136,8 @@ def _bent_into(probe: Probe, angles: Array, solids: list[Solids], random: np.ran
     excess = random.uniform(0, 0.5, size=(count, len(FINGERS)))
     for amount in (0.2, 0.45, 0.75, 1.1):
         tried = np.clip(finger_angles(angles) + (amount + excess[..., None]) * direction, *finger_angles(hand.limits.T)).astype(np.float32)
-        points = probe.points(hand.positions(tried.reshape(count, -1)))
-        depth = probe.radii / hand.length - np.minimum(
+        points = axis_points(hand, hand.chains(tried), SOLVING)
+        depth = radii / hand.length - np.minimum(
             *(solid.distances(points.reshape(count, -1, 3) @ hand.palm / hand.length).reshape(points.shape[:-1]) for solid in solids)
         )
         meets = undecided & (depth.max(-1) > 0.01)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...hands.contact import MEASURING, Probe
+from ...hands.contact import MEASURING, axis_points
 from ...hands.hand import ANGLES, FINGERS, LIMITS, RADII, Hand, finger_angles
 from ...hands.sensor import Grid
 from ...hands.standard import standard_positions
@@ -56,7 +56,7 @@ def at_the_origin(count: int) -> tuple[Array, Array]:
 def without_self_collision(hand: Hand, angles: Array) -> np.ndarray:
     """bool [N]: fingers do not enter one another by more than TOLERANCE."""
     starts, ends, radii = hand.capsules(angles, *at_the_origin(len(angles)), palm=False)
-    points = Probe(hand, at_the_origin(len(angles)), MEASURING).points(hand.positions(angles))
+    points = axis_points(hand, hand.chains(finger_angles(angles)), MEASURING)
     deepest = np.full(len(angles), -np.inf, np.float32)
     for finger in range(len(FINGERS)):
         others = [j for j in range(len(radii)) if j // 3 > finger]
