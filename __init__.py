@@ -13,7 +13,7 @@ def classes() -> tuple[type, ...]:
     from .operators.import_mocap import CBM_OT_import_mocap
     from .operators.import_take import CBM_OT_import_take
     from .operators.load_model import CBM_OT_load_model
-    from .operators.pose_fingers import CBM_OT_add_colliders, CBM_OT_pose_fingers
+    from .operators.pose_fingers import CBM_OT_add_colliders, CBM_OT_pose_fingers, CBM_OT_show_hands
     from .operators.properties import CBM_PG_fingers, CBM_PG_settings
     from .operators.train_model import CBM_OT_train_model
     from .panels.sidebar import CBM_PT_sidebar
@@ -29,6 +29,7 @@ def classes() -> tuple[type, ...]:
         CBM_OT_bake_take,
         CBM_OT_pose_fingers,
         CBM_OT_add_colliders,
+        CBM_OT_show_hands,
         CBM_PT_sidebar,
     )
 

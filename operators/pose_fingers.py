@@ -1,4 +1,4 @@
-"""Pose the fingers of a rig so that they touch and do not pierce; and the objects that stand for its body while that is done."""
+"""Pose the fingers of a rig so that they touch and do not pierce; the objects that stand for its body meanwhile; and what is worked with, shown."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from ..cbm_addon.progress import Job
 from ..cbm_addon.rigs.fingers import finger_bones, hands_with_fingers
 from ..cbm_addon.scene.colliders import add_colliders
 from ..cbm_addon.scene.fingers import FingerReport, pose_fingers
-from ..cbm_addon.scene.modal import ModalJob
+from ..cbm_addon.scene.modal import ModalJob, redraw
+from ..cbm_addon.scene.overlay import Overlay
 from ..cbm_addon.scene.rig import read_rig, require_editable
 from ..cbm_addon.takes.readers import read_take
 from .properties import chosen_armature
@@ -41,7 +42,7 @@ class CBM_OT_pose_fingers(bpy.types.Operator, ModalJob):
 class CBM_OT_add_colliders(bpy.types.Operator):
     bl_idname = "cbm.add_colliders"
     bl_label = "Add Colliders"
-    bl_description = "Add objects that stand for the rig's body while fingers are posed, fitted to its skin. Edit, scale or delete them; without any, they are fitted each time"
+    bl_description = "Add objects that stand for the body of the rig while fingers are posed, to edit or delete; without them they are fitted each time"
     bl_options = {"REGISTER", "UNDO"}
 
     rig: bpy.props.StringProperty(name="Rig", description="Name of the armature; the panel's or the active one if empty", options={"SKIP_SAVE"})
@@ -56,4 +57,26 @@ class CBM_OT_add_colliders(bpy.types.Operator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         self.report({"INFO"}, f"{len(collection.objects)} colliders in the collection {collection.name}")
+        return {"FINISHED"}
+
+
+class CBM_OT_show_hands(bpy.types.Operator):
+    bl_idname = "cbm.show_hands"
+    bl_label = "Show Hands"
+    bl_description = "Draw what finger posing works with: the capsules of hands and body, and the cells near the hands that something fills. Again to hide it"
+
+    @classmethod
+    def unregister(cls) -> None:
+        Overlay.hide()
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        if Overlay.shown is not None:
+            Overlay.hide()
+        else:
+            try:
+                Overlay.show(chosen_armature(context, ""), context.scene.cbm.fingers.obstacles, context.scene.cbm.table())
+            except InputError as error:
+                self.report({"ERROR"}, str(error))
+                return {"CANCELLED"}
+        redraw()
         return {"FINISHED"}

@@ -9,12 +9,13 @@ from pathlib import PurePath
 import bpy
 
 from ..cbm_addon.scene.modal import ModalJob
+from ..cbm_addon.scene.overlay import Overlay
 from ..operators.bake_take import CBM_OT_bake_take
 from ..operators.calibrate_take import CBM_OT_calibrate_take
 from ..operators.import_mocap import CBM_OT_import_mocap
 from ..operators.import_take import CBM_OT_import_take
 from ..operators.load_model import CBM_OT_load_model
-from ..operators.pose_fingers import CBM_OT_add_colliders, CBM_OT_pose_fingers
+from ..operators.pose_fingers import CBM_OT_add_colliders, CBM_OT_pose_fingers, CBM_OT_show_hands
 from ..operators.train_model import CBM_OT_train_model
 
 FINDINGS_SHOWN = 8
@@ -77,7 +78,6 @@ class CBM_PT_sidebar(bpy.types.Panel):
         row.enabled = bool(settings.take and settings.rig)
         row.operator(CBM_OT_bake_take.bl_idname, icon="PLAY")
 
-
     def _fingers(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup, letters: int) -> None:
         fingers = settings.fingers
         box.label(text="5. Fingers", icon="VIEW_PAN")
@@ -96,7 +96,9 @@ class CBM_PT_sidebar(bpy.types.Panel):
         buttons = row.row()
         buttons.enabled = bool(settings.take)
         buttons.prop(fingers, "buttons")
-        box.operator(CBM_OT_add_colliders.bl_idname, icon="MESH_CAPSULE")
+        row = box.row(align=True)
+        row.operator(CBM_OT_add_colliders.bl_idname, icon="MESH_CAPSULE")
+        row.operator(CBM_OT_show_hands.bl_idname, icon="OVERLAY", depress=Overlay.shown is not None)
         row = box.row()
         row.scale_y = 1.5
         row.enabled = settings.rig is not None

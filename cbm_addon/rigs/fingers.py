@@ -46,6 +46,12 @@ class FingerBones:
         way = np.concatenate((np.zeros((1, 3)), self.positions[first : first + 3], self.positions[15 + first // 3][None]))
         return float(np.linalg.norm(np.diff(way, axis=0), axis=-1).sum())
 
+    @property
+    def directions(self) -> Array:
+        """Unit vectors [15, 3] from each joint to the next or to the tip, at rest in the wrist's frame."""
+        chains = np.concatenate((self.positions[:15].reshape(5, 3, 3), self.positions[15:, None]), axis=1)
+        return normalize(np.diff(chains, axis=1)).reshape(15, 3)
+
 
 def finger_bones(rig: Rig, side: str) -> FingerBones:
     """The fingers of the hand on a side of SIDES; InputError if it lacks the thumb or the index finger, or all but these."""

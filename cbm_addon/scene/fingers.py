@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..hands.avoid import FingerOptions, FingerResult, avoiding
 from ..hands.model import DEFAULT_HANDS, load_hand_model
 from ..hands.poses import POSES, controller_pose
-from ..motion.rotations import Array, angle, difference
+from ..motion.rotations import Array, angle, quat_between, rotate
 from ..progress import Progress, part
 from ..rigs.fingers import finger_poses, finger_turns
 from ..rigs.tables import Table
@@ -23,7 +23,7 @@ from .action import Channel, curves_of, new_action, rotation_channel, scene_rate
 from .bake import PART
 from .nla import play_above
 from .rig import require_editable
-from .rigged_hands import RiggedHands, Surroundings, bone_matrices, played, rigged_hands, rotations_of
+from .rigged_hands import RiggedHands, Surroundings, bone_matrices, obstacles_of, played, rigged_hands, rotations_of
 
 FINGERS = "fingers"  # what the actions that are written here are marked with
 PIERCED = 1.0  # millimetres that show
@@ -113,7 +113,7 @@ def pose_fingers(context: bpy.types.Context, armature: bpy.types.Object, options
     if last < first:
         raise InputError(f"frames {first} to {last}", "are none; the first must not be after the last")
     frames = np.arange(first, last + 1)
-    seen = Surroundings(rigged, options.collection)
+    seen = Surroundings(rigged, obstacles_of(rigged, options.collection))
     with _without_earlier(armature):
         for i, depsgraph in enumerate(played(context, frames)):
             yield Progress(0.3 * i / len(frames), f"reading frame {frames[i]}")
@@ -203,18 +203,22 @@ def _channels(rigged: RiggedHands, seen: Surroundings, side: str, turns: Array) 
 
 
 def _off_by(context: bpy.types.Context, rigged: RiggedHands, frames: np.ndarray, turns: dict[str, Array]) -> float:
-    """Largest angle, degrees, between the fingers as Blender evaluates them now and turns [T, 15, 4], over MEASURED_FRAMES."""
+    """Largest angle, degrees, between where phalanges point as Blender evaluates them now and at turns [T, 15, 4], over MEASURED_FRAMES."""
     chosen = np.unique(np.linspace(0, len(frames) - 1, MEASURED_FRAMES).round().astype(int))
     bones = rigged.bones
     evaluated = [bone_matrices(rigged.armature.evaluated_get(depsgraph), bones)[0] for depsgraph in played(context, frames[chosen])]
     rotations = dict(zip(bones, rotations_of(np.stack(evaluated, axis=1)), strict=True))
-    apart = [difference(finger_turns(rigged.fingers[side], rotations), wanted[chosen]).max() for side, wanted in turns.items()]
+    apart = []
+    for side, solved in turns.items():
+        fingers = rigged.fingers[side]
+        pointing = (rotate(of, fingers.directions) for of in (finger_turns(fingers, rotations), solved[chosen]))
+        apart.append(angle(quat_between(*pointing)).max())
     return float(np.degrees(max(apart)))
 
 
 def _report(unit: float, wanted: str, result: FingerResult) -> HandReport:
     free = ~result.palm_inside
-    before, after = (1000 * unit * np.maximum(depths[free], 0) for depths in (result.depth_before, result.depth_after))
+    before, after = (1000 * unit * np.maximum(depths[free], 0) for depths in (result.before, result.after))
     return HandReport(
         wanted=wanted,
         frames=len(free),

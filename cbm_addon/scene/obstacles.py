@@ -68,6 +68,10 @@ class SceneObstacles:
         """What came near a hand."""
         return sorted({thing.name for thing in self._things.values()})
 
+    def begin(self) -> None:
+        """The next frame that is looked at is the first."""
+        self._seen, self._unions = [], {}
+
     def look(self, depsgraph: bpy.types.Depsgraph, wrists: Array, free: Array) -> None:
         """Takes in the scene at its current frame, the next one. wrists [H, 3] and a point [3] that is in free space, in the hands' own space."""
         seen: list[tuple[_Thing, _Pose | _Bent]] = []

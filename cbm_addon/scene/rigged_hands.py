@@ -68,11 +68,20 @@ def rigged_hands(armature: bpy.types.Object, sides: tuple[str, ...] | None = Non
     return RiggedHands(armature, rig, sides, fingers, hands, body_parts(armature, rig, colliders, unit), unit)
 
 
-class Surroundings:
-    """Where the bones of the hands are and what is around them, once every frame was looked at; T frames."""
+def obstacles_of(rigged: RiggedHands, collection: bpy.types.Collection | None) -> SceneObstacles:
+    """What the hands may meet: the meshes of a collection, or all that are visible and not of the character."""
+    return SceneObstacles(rigged.armature, collection, rigged.unit, REACH)
 
-    def __init__(self, rigged: RiggedHands, collection: bpy.types.Collection | None) -> None:
-        self.obstacles = SceneObstacles(rigged.armature, collection, rigged.unit, REACH)
+
+class Surroundings:
+    """Where the bones of the hands are and what is around them, once every frame was looked at; T frames.
+
+    obstacles  they begin anew, but keep what they have found out about the shapes of things
+    """
+
+    def __init__(self, rigged: RiggedHands, obstacles: SceneObstacles) -> None:
+        obstacles.begin()
+        self.obstacles = obstacles
         self._rigged = rigged
         self._local: list[Array] = []
         self._world: list[Array] = []
@@ -116,7 +125,7 @@ class Surroundings:
 
         def at(frame: int) -> Obstacle:
             wrist = self.wrists[side][0][frame]
-            near = [part.at(motion) for part, motion in self._body(frame) if part.bone not in own and _nearest(part, motion, wrist) < REACH]
+            near = [part.at(motion) for part, motion in self.body(frame) if part.bone not in own and _nearest(part, motion, wrist) < REACH]
             for other, (starts, ends, radii) in others.items():
                 if np.linalg.norm(wrist - self.wrists[other][0][frame]) < 2 * REACH:
                     near.append(Capsules(starts[frame], ends[frame], radii))
@@ -127,7 +136,7 @@ class Surroundings:
 
         return at
 
-    def _body(self, frame: int) -> Iterator[tuple[BodyPart, Array]]:
+    def body(self, frame: int) -> Iterator[tuple[BodyPart, Array]]:
         """The parts of the body and how their bones are moved from rest [4, 4]."""
         for part, to_rest in zip(self._rigged.body, self._to_rest, strict=True):
             yield part, self._world[frame][self._bones[part.bone]] @ to_rest
