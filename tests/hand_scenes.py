@@ -51,9 +51,7 @@ def box(x: float, y: float, z: float, steps: int = 1) -> made.Mesh:
 SCENES = {
     "sphere": HandScene({"Arm": ((0, 0, 0), (0, 2, 0))}, ("relaxed", "fist"), lambda: [(made.sphere(0.045), (0, 0, 0), (0.115, -0.01, -0.072))]),
     "cube": HandScene({"Arm": ((0, 0, 0), (0, 1.5, 0))}, ("relaxed", "fist"), lambda: [(box(0.03, 0.05, 0.03), (0, 0, 0), (0.125, 0, -0.06))]),
-    "mug": HandScene(
-        {"Arm": ((-80, 0, 0), (-80, 0, 3))}, ("relaxed", "fist"), lambda: [(made.mug(), (90, 0, 0), (0.115, 0.045, -0.066))]
-    ),
+    "mug": HandScene({"Arm": ((-80, 0, 0), (-80, 0, 1.5))}, ("relaxed", "fist"), lambda: [(made.mug(), (90, 0, 0), (0.115, 0.045, -0.066))]),
     "plate edge": HandScene(
         {"Arm": ((0, 0, 0), (0, 2, 0))}, ("relaxed", "fist"), lambda: [(box(0.08, 0.1, 0.0025, 8), (0, 0, 0), (0.19, 0, -0.03))]
     ),

@@ -1,8 +1,8 @@
 """A cache of the distances to an obstacle that keeps its shape: bricks of a grid, each filled when it is first asked for.
 
 Nodes hold the distance and the normal. Between them the distance is the mean of two interpolations, of the values and of the planes that
-the nodes see, whose errors cancel where the surface is smooth. Where the two differ near the surface, as at creases, the obstacle itself
-is asked.
+the nodes see, whose errors cancel where the surface is smooth. Where the two differ near the surface, as at creases, a finer grid is
+asked.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ import numpy as np
 from ..motion.rotations import Array, normalize
 from .obstacle import Obstacle
 
-CELL = 0.006  # metres
-CELLS = 4  # of a brick along each side
-EXACT = 4e-4  # metres by which the two interpolations may differ
+CELLS = 0.006, 0.002  # metres: edges of the cells of the grid and of the finer one
+SIDE = 4  # cells of a brick along each side
+DIFFERENT = 4e-4  # metres by which the two interpolations may differ
 NEAR = 0.02  # metres from the surface within which distances are accurate; further away they are within a brick's size
 REACH = 0.06  # metres around the obstacle's box that bricks cover; the distance to the box follows
 
 _CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(-1, 3)
-_NODES = np.stack(np.meshgrid(*[np.arange(CELLS + 1)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-_STRIDE = np.array([(CELLS + 1) ** 2, CELLS + 1, 1])
+_NODES = np.stack(np.meshgrid(*[np.arange(SIDE + 1)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+_STRIDE = np.array([(SIDE + 1) ** 2, SIDE + 1, 1])
 _SUMS = np.zeros((8, 4, 5), np.float32)  # over the corners: distance, normal, and how far away corners are along their normals
 _SUMS[:, range(4), range(4)] = 1
 _SUMS[:, 1:, 4] = _CORNERS
@@ -31,8 +31,9 @@ _KEYS = 1 << 20  # bricks along an axis that a key can tell apart
 class CachedDistances:
     """An Obstacle that remembers what another one, of whose surface `low` and `high` [3] are the bounds, said."""
 
-    def __init__(self, obstacle: Obstacle, low: Array, high: Array, cell: float = CELL) -> None:
-        self._obstacle, self._cell = obstacle, np.float32(cell)
+    def __init__(self, obstacle: Obstacle, low: Array, high: Array, cells: tuple[float, ...] = CELLS) -> None:
+        self._obstacle, self._cell = obstacle, np.float32(cells[0])
+        self._finer = CachedDistances(obstacle, low, high, cells[1:]) if len(cells) > 1 else None
         self._low, self._high = np.asarray(low, np.float32), np.asarray(high, np.float32)
         self._keys = np.empty(0, np.int64)
         self._rows = np.empty(0, np.int64)
@@ -50,8 +51,8 @@ class CachedDistances:
     def _interpolated(self, points: Array) -> tuple[Array, Array]:
         places = (points - self._low) / self._cell
         cells = np.floor(places).astype(np.int64)
-        bricks = cells // CELLS
-        corners = ((cells - bricks * CELLS) @ _STRIDE)[:, None] + _CORNERS @ _STRIDE
+        bricks = cells // SIDE
+        corners = ((cells - bricks * SIDE) @ _STRIDE)[:, None] + _CORNERS @ _STRIDE
         rows = self._bricks(bricks)
         nodes = self._nodes[rows[:, None], corners]
         share = (places - cells).astype(np.float32)
@@ -60,9 +61,10 @@ class CachedDistances:
         sums = (weights * nodes).reshape(-1, 32) @ _SUMS
         slopes = (np.einsum("ni,ni->n", share, sums[:, 1:4]) - sums[:, 4]) * self._cell
         distances, normals = sums[:, 0] + slopes / 2, normalize(sums[:, 1:4])
-        doubtful = (np.abs(slopes) > EXACT) & (np.abs(distances) < NEAR)
-        if doubtful.any():
-            distances[doubtful], normals[doubtful] = self._obstacle.nearest(points[doubtful])
+        if self._finer:
+            doubtful = (np.abs(slopes) > DIFFERENT) & (np.abs(distances) < NEAR)
+            if doubtful.any():
+                distances[doubtful], normals[doubtful] = self._finer.nearest(points[doubtful])
         return distances, normals
 
     def _bricks(self, bricks: Array) -> Array:
@@ -79,13 +81,13 @@ class CachedDistances:
 
     def _fill(self, keys: Array, bricks: Array) -> None:
         """Adds bricks. Of those that are far from the surface only the middle is asked, and the rest follows from the plane that it sees."""
-        middles = self._low + (bricks + 0.5) * CELLS * self._cell
+        middles = self._low + (bricks + 0.5) * SIDE * self._cell
         distances, normals = self._obstacle.nearest(middles.astype(np.float32))
-        offsets = (_NODES - CELLS / 2) * self._cell
+        offsets = (_NODES - SIDE / 2) * self._cell
         nodes = np.empty((len(keys), len(_NODES), 4), np.float32)
         nodes[..., 0] = distances[:, None] + normals @ offsets.T
         nodes[..., 1:] = normals[:, None]
-        near = np.abs(distances) < NEAR + np.sqrt(3) / 2 * CELLS * self._cell
+        near = np.abs(distances) < NEAR + np.sqrt(3) / 2 * SIDE * self._cell
         points = (middles[near, None] + offsets).reshape(-1, 3).astype(np.float32)
         if len(points):
             distances, normals = self._obstacle.nearest(points)

