@@ -62,12 +62,12 @@ class Grid:
 def reachable_grid(cell: float = CELL, seed: int = 0) -> Grid:
     """The cells that phalanges of the standard hand reach anywhere within its limits, and those beside them."""
     hand, size = standard_hand(), cell / HAND_LENGTH
-    angles = np.random.default_rng(seed).uniform(*LIMITS.T, size=(20_000, len(LIMITS))).astype(np.float32)
+    angles = np.random.default_rng(seed).uniform(*LIMITS.T, size=(5_000, len(LIMITS))).astype(np.float32)
     unmoved = np.zeros((len(angles), 3), np.float32), np.tile(np.array([1, 0, 0, 0], np.float32), (len(angles), 1))
     starts, ends, _ = hand.capsules(angles, *unmoved, palm=False)
     points = np.concatenate([starts + (ends - starts) * share for share in (0.25, 0.5, 0.75, 1)], 1) @ hand.palm / hand.length
     reached, often = np.unique(np.floor(points.reshape(-1, 3) / size).astype(int), axis=0, return_counts=True)
-    reached = reached[often > 20]
+    reached = reached[often > 5]
     corner = reached.min(0) - 1
     inside = np.zeros(reached.max(0) - corner + 2, bool)
     for step in np.concatenate((np.zeros((1, 3), int), np.eye(3, dtype=int), -np.eye(3, dtype=int))):

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..motion.rotations import IDENTITY, Array, inverse, matrix_from_quat, normalize, rotate
+from ..motion.rotations import IDENTITY, Array, matrix_from_quat, normalize
 from .obstacle import Obstacle, empty
 
 _TINY = 1e-9
@@ -53,8 +53,12 @@ class Box:
     half: Array
     rotation: Array = field(default_factory=lambda: IDENTITY)
 
+    @cached_property
+    def _matrix(self) -> Array:
+        return matrix_from_quat(np.asarray(self.rotation, np.float32))
+
     def nearest(self, points: Array) -> tuple[Array, Array]:
-        local = rotate(inverse(self.rotation), points - self.centre)
+        local = (points - self.centre) @ self._matrix
         sign = np.where(local < 0, -1, 1).astype(np.float32)
         beyond = np.abs(local) - self.half
         outside = np.maximum(beyond, 0)
@@ -62,7 +66,7 @@ class Box:
         depth = beyond.max(-1)
         face = np.eye(3, dtype=np.float32)[beyond.argmax(-1)]
         normals = np.where((depth > 0)[:, None], normalize(outside), face) * sign
-        return np.where(depth > 0, length, depth).astype(np.float32), rotate(self.rotation, normals).astype(np.float32)
+        return np.where(depth > 0, length, depth).astype(np.float32), (normals @ self._matrix.T).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -74,8 +78,12 @@ class Cylinder:
     half_height: float
     rotation: Array = field(default_factory=lambda: IDENTITY)
 
+    @cached_property
+    def _matrix(self) -> Array:
+        return matrix_from_quat(np.asarray(self.rotation, np.float32))
+
     def nearest(self, points: Array) -> tuple[Array, Array]:
-        local = rotate(inverse(self.rotation), points - self.centre)
+        local = (points - self.centre) @ self._matrix
         radial = np.linalg.norm(local[:, :2], axis=-1)
         side = radial - self.radius
         cap = np.abs(local[:, 2]) - self.half_height
@@ -89,7 +97,7 @@ class Cylinder:
         weights = np.where((depth > 0)[:, None], normalize(np.maximum(beyond, 0)), np.eye(2)[beyond.argmax(-1)])
         normals = weights[:, :1] * outwards + weights[:, 1:] * upwards
         distance = np.where(depth > 0, np.linalg.norm(np.maximum(beyond, 0), axis=-1), depth)
-        return distance.astype(np.float32), rotate(self.rotation, normals).astype(np.float32)
+        return distance.astype(np.float32), (normals @ self._matrix.T).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -145,9 +153,9 @@ class Moved:
     rotation: Array = field(default_factory=lambda: IDENTITY)
 
     @cached_property
-    def _axes(self) -> Array:
+    def _matrix(self) -> Array:
         return matrix_from_quat(np.asarray(self.rotation, np.float32))
 
     def nearest(self, points: Array) -> tuple[Array, Array]:
-        distance, normals = self.obstacle.nearest(((points - self.position) @ self._axes).astype(np.float32))
-        return distance, (normals @ self._axes.T).astype(np.float32)
+        distance, normals = self.obstacle.nearest(((points - self.position) @ self._matrix).astype(np.float32))
+        return distance, (normals @ self._matrix.T).astype(np.float32)

@@ -5,17 +5,17 @@ All in the palm's frame and in lengths of the hand.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...hands.contact import SOLVING, axis_points, palm_points, point_radii
 from ...hands.hand import FINGERS, Hand, finger_angles
 from ...hands.sensor import Grid, wanted_places
-from ...motion.rotations import Array, matrix_from_quat, normalize
+from ...motion.rotations import Array, matrix_from_quat, multiply, normalize, quat_between, quat_from_axis_angle
 from .pose_bank import HandBank
 
-CARVED = 0.08  # a shape that a hand enters deeper than this is cut out around it; others give way as a whole
+SECOND = 0.35  # share of the samples that see a second shape
 LARGE = 5.0  # half sizes of a half space
 
 
@@ -55,6 +55,9 @@ class Solids:
     rounding: Array
     offset: Array
 
+    def part(self, chosen: np.ndarray) -> Solids:
+        return Solids(*(getattr(self, name)[chosen] for name in ("centres", "rotations", "halves", "rounding", "offset")))
+
     def distances(self, points: Array) -> Array:
         """Signed distances [N, M] of points [N, M, 3] or [M, 3]."""
         turned = points @ self.rotations - (self.centres[:, None] @ self.rotations)
@@ -65,8 +68,8 @@ class Solids:
         return np.sqrt(np.einsum("nmi,nmi->nm", outside, outside)) + inside - (self.rounding - self.offset)[:, None]
 
 
-def random_solids(near: Array, random: np.random.Generator) -> Solids:
-    """Solids [N] of every kind whose surfaces pass near the points `near` [N, 3]."""
+def random_solids(near: Array, normals: Array, random: np.random.Generator) -> Solids:
+    """Solids [N] of every kind whose surfaces pass through the points `near` [N, 3], where they face along `normals` [N, 3]."""
     count = len(near)
     kind = random.choice(5, size=count, p=(0.2, 0.25, 0.2, 0.2, 0.15))
     size = np.exp(random.uniform(np.log(0.06), np.log(0.6), size=(count, 3)))
@@ -82,35 +85,35 @@ def random_solids(near: Array, random: np.random.Generator) -> Solids:
         ],
     )
     rounding = np.select([kind == k for k in range(5)], [0.06 + 0.5 * size[:, 0], zero + 0.01, 0.03 + 0.3 * size[:, 1] ** 1.5, 0.01 + 0.03 * size[:, 2], zero])
-    turn = matrix_from_quat(normalize(random.normal(size=(count, 4)))).astype(np.float32)
-    # A random point of the surface comes to lie at `near`: along a random axis for boxes, anywhere over the face.
     axis = np.where(kind == 3, 2, random.integers(3, size=count))
-    on_face = random.uniform(-1, 1, size=(count, 3)) * halves * np.where(kind == 4, 0, 0.9)[:, None]
-    side = random.choice([-1, 1], size=count)
-    on_face[np.arange(count), axis] = side * (halves[np.arange(count), axis] + rounding)
+    face = np.eye(3)[axis] * random.choice([-1, 1], size=(count, 1))
+    turn = matrix_from_quat(multiply(quat_between(face, normals), quat_from_axis_angle(face, random.uniform(0, 2 * np.pi, size=count))))
+    on_face = random.uniform(-0.9, 0.9, size=(count, 3)) * halves * np.where(kind == 4, 0, 1)[:, None] * (1 - np.abs(face))
+    on_face += face * (halves + rounding[:, None])
     centres = near - (turn @ on_face[..., None])[..., 0]
     return Solids(*(values.astype(np.float32) for values in (centres, turn, halves, rounding, zero)))
 
 
 def shape_samples(bank: HandBank, grid: Grid, count: int, random: np.random.Generator) -> Samples:
-    """Solid shapes that touch a free pose or come near it, and a wanted pose some fingers of which are bent into them."""
+    """Solid shapes whose surface gives way until it touches a free pose, or leaves a gap, and a wanted pose some fingers of which are bent into
+    them."""
     chosen = random.integers(len(bank.angles), size=count)
     hand, angles = bank.hand, bank.angles[chosen]
     points, radii = _touching(hand, angles)
     fingers = point_radii(hand, SOLVING).size
-    cells, distances, solids = grid.centres(), np.full((count, grid.count), np.inf, np.float32), []
-    for number in range(2):
-        near = points[np.arange(count), random.integers(fingers, size=count)] + random.normal(scale=0.04, size=(count, 3))
-        solid = random_solids(near, random)
-        clearance = (solid.distances(points) - radii).min(-1)
+    distances, solids = np.full((count, grid.count), np.inf, np.float32), []
+    for share in (1.0, SECOND):
+        near = points[np.arange(count), random.integers(fingers, size=count)] + random.normal(scale=0.02, size=(count, 3))
+        outwards = normalize(random.normal(scale=0.6, size=(count, 3)) + [0, 0, 1])
+        solid = random_solids(near, -outwards, random)
         gap = np.where(random.random(count) < 0.7, 0, random.exponential(0.04, size=count))
-        offset = gap - clearance
-        deep = clearance < -CARVED
-        solid = Solids(solid.centres, solid.rotations, solid.halves, solid.rounding, np.where(deep, 0, offset).astype(np.float32))
-        if number:  # only some see a second shape
-            solid.centres[random.random(count) > 0.35] += 2 * LARGE
-        here = solid.distances(cells)
-        distances = np.minimum(distances, np.where(deep[:, None], np.maximum(here, -bank.hand_distances(chosen)), here))
+        there = random.random(count) < share
+        for _ in range(3):  # out of the hand; what is left of it gives way below
+            shift = np.where(there, gap - (solid.distances(points) - radii).min(-1), 2 * LARGE)
+            solid = replace(solid, centres=(solid.centres + outwards * np.maximum(shift, 0)[:, None]).astype(np.float32))
+        offset = np.where(there, gap - (solid.distances(points) - radii).min(-1), 0)
+        solid = replace(solid, offset=offset.astype(np.float32))
+        distances[there] = np.minimum(distances[there], solid.part(there).distances(grid.centres()))
         solids.append(solid)
     wanted = _bent_into(hand, angles, solids, random)
     return Samples(grid.occupancy(distances), wanted_places(hand, hand.positions(wanted)), angles)
