@@ -12,16 +12,18 @@ import numpy as np
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 FRAMES = 24
-SIZE = 260  # of a picture
+SIZE = 280  # of a picture
+DISTANCE = 0.42  # metres from the hand
 VIEWS = {  # from where the left hand is seen, in the world: it lies along X in a T-pose, its palm down
-    "sphere": (0.55, -1.0, 0.25),
-    "cube": (0.55, -1.0, 0.25),
-    "mug": (0.9, 0.2, 0.9),
-    "plate edge": (0.3, -1.0, 0.25),
-    "two hands": (0.3, -0.6, 0.9),
-    "thigh": (0.6, -1.0, 0.2),
+    "sphere": (0.35, -1.0, 0.2),
+    "cube": (0.35, -1.0, 0.2),
+    "mug": (0.3, 0.5, 1.0),
+    "plate edge": (0.2, -1.0, 0.35),
+    "two hands": (0.1, -0.35, 1.0),
+    "thigh": (1.0, -0.8, 0.15),
 }
-COLOURS = {"Thing": (0.25, 0.5, 0.55, 1)}
+THING, SKIN = (0.25, 0.5, 0.55, 1), (0.80, 0.62, 0.52, 1)
+FINE, COARSE = 0.0022, 0.008  # metres: voxels of the skin of hands and body
 
 
 def main() -> None:
@@ -43,7 +45,7 @@ def before_and_after(name: str, folder: Path) -> np.ndarray:
     from cbm_addon.progress import run
     from cbm_addon.scene.fingers import PoseOptions, pose_fingers
     from cbm_addon.scene.preview import look, pixels_of, render
-    from cbm_addon.scene.proxy import add_proxy, plain_material
+    from cbm_addon.scene.proxy import plain_material
     from cbm_addon.scene.silence import silence
     from tests.hand_scenes import SCENES, add_things, animate, evaluated_matrices
     from tests.sample_rigs import SAMPLE_RIGS, add_armature, bones_at_rest
@@ -52,10 +54,10 @@ def before_and_after(name: str, folder: Path) -> np.ndarray:
         bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     armature = add_armature(bones_at_rest(next(sample for sample in SAMPLE_RIGS if sample.name == "Mixamo"), "A"))
-    add_proxy(armature)
     rig = animate(armature, SCENES[name], FRAMES)
+    add_skin(armature, rig)
     for thing in add_things(armature, rig, SCENES[name]):
-        thing.data.materials.append(plain_material("Thing", COLOURS["Thing"]))
+        thing.data.materials.append(plain_material("Thing", THING))
     look(scene)
     scene.render.resolution_x = scene.render.resolution_y = SIZE
     frame = FRAMES // 2
@@ -73,6 +75,43 @@ def before_and_after(name: str, folder: Path) -> np.ndarray:
     return np.concatenate(pictures[::-1])
 
 
+def add_skin(armature, rig) -> None:
+    """A mannequin of the rig's own capsules, joined as if they were clay."""
+    import bpy
+
+    from cbm_addon.hands.hand import PALM_RADIUS, RADII
+    from cbm_addon.rigs.colliders import body_colliders, finger_colliders
+    from cbm_addon.rigs.fingers import finger_bones
+    from cbm_addon.scene.colliders import surface
+    from cbm_addon.scene.proxy import plain_material
+
+    hands = []
+    for side in ("Left", "Right"):
+        fingers = finger_bones(rig, side)
+        parts = finger_colliders(rig, fingers, fingers.length * RADII, fingers.length * PALM_RADIUS)
+        hands += zip((*fingers.bones, *[fingers.wrist] * 5), parts, strict=True)
+    for voxel, pieces in ((FINE, hands), (COARSE, [(part.bone, part) for part in body_colliders(rig)])):
+        mesh = bpy.data.meshes.new("Skin")
+        points, faces, owners = [], [], []
+        for bone, part in pieces:
+            own, _, sides = surface(part)
+            faces += [[len(points) + corner for corner in face] for face in sides]
+            owners += [(bone, len(points), len(points) + len(own))]
+            points += own
+        mesh.from_pydata(points, [], faces)
+        mesh.materials.append(plain_material("Skin", SKIN))
+        mesh.polygons.foreach_set("use_smooth", np.ones(len(faces), bool))
+        obj = bpy.data.objects.new("Skin", mesh)
+        bpy.context.scene.collection.objects.link(obj)
+        for bone, first, last in owners:
+            group = obj.vertex_groups.get(bone) or obj.vertex_groups.new(name=bone)
+            group.add(range(first, last), 1.0, "REPLACE")
+        obj.modifiers.new("Armature", "ARMATURE").object = armature
+        remesh = obj.modifiers.new("Remesh", "REMESH")
+        remesh.mode, remesh.voxel_size, remesh.use_smooth_shade = "VOXEL", voxel, True
+        remesh.show_viewport = False  # for pictures alone: it takes long
+
+
 def aim(scene, middle: np.ndarray, view: np.ndarray) -> None:
     """A camera that sees a hand."""
     import bpy
@@ -83,7 +122,7 @@ def aim(scene, middle: np.ndarray, view: np.ndarray) -> None:
     scene.camera = camera
     camera.data.lens, camera.data.clip_start = 70, 0.01
     away = Vector(view / np.linalg.norm(view))
-    camera.location = Vector(middle) + 0.62 * away
+    camera.location = Vector(middle) + DISTANCE * away
     camera.rotation_euler = away.to_track_quat("Z", "Y").to_euler()
 
 

@@ -122,7 +122,7 @@ def add_colliders(context: bpy.types.Context, armature: bpy.types.Object, rig: R
     context.scene.collection.children.link(collection)
     for collider in fitted_body(armature, rig, hands)[0]:
         mesh = bpy.data.meshes.new(f"{armature.name} {collider.joint}")
-        mesh.from_pydata(*_surface(collider))
+        mesh.from_pydata(*surface(collider))
         obj = bpy.data.objects.new(mesh.name, mesh)
         obj.display_type, obj.hide_render = "WIRE", True
         obj.parent, obj.parent_type, obj.parent_bone = armature, "BONE", collider.bone
@@ -138,7 +138,7 @@ def _carrier(rig: Rig, bone: str) -> Array:
     return matrix
 
 
-def _surface(collider: Collider) -> tuple[list, list, list]:
+def surface(collider: Collider) -> tuple[list, list, list]:
     """A tapered capsule as a mesh in the world; of two side by side both, which overlap."""
     along = normalize(collider.end - collider.start)
     across = normalize(np.cross(along, np.eye(3)[np.argmin(np.abs(along))]))
