@@ -31,6 +31,10 @@ class HandModel:
     estimator: Any
     decoder: Any
 
+    @property
+    def name(self) -> str:
+        return self.card["name"]
+
     def propose(self, occupancy: Array, places: Array, candidates: int, seed: int) -> Array:
         """Angles [K, F, 20] for occupancy [F, C] and wanted places [F, 60]: the likeliest code first, then drawn ones.
 

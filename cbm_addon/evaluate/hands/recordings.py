@@ -43,8 +43,3 @@ def recorded_angles(path: Path, rate: float) -> Array:
         poses.append(np.concatenate((in_wrist[:, :, :3].reshape(len(in_wrist), -1, 3), in_wrist[:, :, 3]), 1))
     sides: tuple[Side, ...] = ("left", "right")
     return max((Hand.from_rest(side, poses[0][0]).angles_from_positions(poses[1]) for side in sides), key=lambda angles: angles[:, 4:].mean())
-
-
-def fastest(angles: Array, rate: float) -> float:
-    """The 99.5th percentile of the speed of all angles, radians per second."""
-    return float(np.percentile(np.abs(np.diff(angles, axis=0)) * rate, 99.5))

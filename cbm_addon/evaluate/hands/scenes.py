@@ -99,7 +99,7 @@ def _held(
 
 def _sphere() -> Scene:
     ball = Sphere(np.zeros(3, np.float32), 0.05)
-    gap = _wave(4, low=-0.005, high=0.06)
+    gap = _wave(3, low=-0.005, high=0.13)
     return _held("sphere", "right", lambda frame: ball, _around(1, 0.5), np.array([0, 0, 1]), gap, controller_pose(_wave(6), _wave(5)), 0.05, True)
 
 
@@ -107,7 +107,7 @@ def _cube() -> Scene:
     cube = Box(np.zeros(3, np.float32), np.full(3, 0.035, np.float32))
     turned = [Moved(cube, np.zeros(3, np.float32), quat_from_yaw(np.float32(0.02 * frame))) for frame in range(FRAMES)]
     wanted = _blend("spread", "fist", _wave(6))
-    return _held("cube", "left", turned.__getitem__, _around(1, 0.3), np.array([0.3, 0, 1]), _wave(4, low=-0.01, high=0.05), wanted, 0.04, False)
+    return _held("cube", "left", turned.__getitem__, _around(1, 0.3), np.array([0.3, 0, 1]), _wave(3, low=-0.01, high=0.12), wanted, 0.04, False)
 
 
 def _mug() -> Scene:
@@ -117,7 +117,7 @@ def _mug() -> Scene:
     lifted = [Moved(mug, np.array([0, 0, h], np.float32)) for h in _wave(2, high=0.15)]
     directions = normalize(np.stack((np.cos(_wave(1, low=0.2, high=3.2)), np.sin(_wave(1, low=0.2, high=3.2)), 0 * _wave(1)), -1))
     along = np.cross(directions, np.array([0, 0, -1.0]))
-    scene = _held("mug", "right", lambda frame: mug, directions, along, _wave(4, low=0.0, high=0.05), controller_pose(_wave(5), _wave(4, 0.1)), 0.04, False)
+    scene = _held("mug", "right", lambda frame: mug, directions, along, _wave(3, low=0.0, high=0.12), controller_pose(_wave(5), _wave(4, 0.1)), 0.04, False)
     shift = np.stack((0 * _wave(2), 0 * _wave(2), _wave(2, high=0.15)), -1).astype(np.float32)
     return Scene(scene.name, scene.hand, (scene.wrists[0] + shift, scene.wrists[1]), scene.wanted, lifted.__getitem__, scene.smooth)
 
