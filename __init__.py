@@ -13,11 +13,13 @@ def classes() -> tuple[type, ...]:
     from .operators.import_mocap import CBM_OT_import_mocap
     from .operators.import_take import CBM_OT_import_take
     from .operators.load_model import CBM_OT_load_model
-    from .operators.properties import CBM_PG_settings
+    from .operators.pose_fingers import CBM_OT_add_colliders, CBM_OT_pose_fingers, CBM_OT_show_hands
+    from .operators.properties import CBM_PG_fingers, CBM_PG_settings
     from .operators.train_model import CBM_OT_train_model
     from .panels.sidebar import CBM_PT_sidebar
 
     return (
+        CBM_PG_fingers,
         CBM_PG_settings,
         CBM_OT_import_mocap,
         CBM_OT_import_take,
@@ -25,6 +27,9 @@ def classes() -> tuple[type, ...]:
         CBM_OT_load_model,
         CBM_OT_train_model,
         CBM_OT_bake_take,
+        CBM_OT_pose_fingers,
+        CBM_OT_add_colliders,
+        CBM_OT_show_hands,
         CBM_PT_sidebar,
     )
 
@@ -35,7 +40,7 @@ def register() -> None:
     for cls in classes():
         bpy.utils.register_class(cls)
         registered.append(cls)
-    settings = registered[0]
+    settings = next(cls for cls in registered if cls.__name__ == "CBM_PG_settings")
     bpy.types.Scene.cbm = bpy.props.PointerProperty(type=settings)
     cli_commands.append(bpy.utils.register_cli_command("cbm", run_command))
 

@@ -17,7 +17,7 @@ from .console import Console
 from .errors import InputError
 from .outputs import plain, replacing
 
-COMMANDS = ("info", "convert", "record", "synthesize", "train", "solve", "bake", "batch", "rigs", "evaluate", "toy", "models")
+COMMANDS = ("info", "convert", "record", "synthesize", "train", "solve", "bake", "batch", "fingers", "rigs", "evaluate", "toy", "models")
 
 DONE, OUR_FAULT, BAD_INPUT, CANCELLED = 0, 1, 2, 130
 

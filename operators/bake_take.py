@@ -10,11 +10,11 @@ from ..cbm_addon.errors import InputError
 from ..cbm_addon.progress import Job
 from ..cbm_addon.scene.bake import BakeReport, bake_variations
 from ..cbm_addon.scene.modal import ModalJob
-from ..cbm_addon.scene.rig import find_armature
 from ..cbm_addon.scene.takes import scale_trackers
 from ..cbm_addon.solve.models import load_model
 from ..cbm_addon.takes.calibrate import calibrate
 from .import_take import read_again
+from .properties import chosen_armature
 
 
 class CBM_OT_bake_take(bpy.types.Operator, ModalJob):
@@ -40,7 +40,7 @@ class CBM_OT_bake_take(bpy.types.Operator, ModalJob):
         calibrated = calibrate(take, settings.calibration())
         model = load_model(settings.model_folder())
         count = self.variations or settings.variations
-        return bake_variations(context, self._armature(context), calibrated, model, settings.bake_options(), count)
+        return bake_variations(context, chosen_armature(context, self.rig), calibrated, model, settings.bake_options(), count)
 
     def finish(self, context: bpy.types.Context, result: list[BakeReport]) -> None:
         scale_trackers(context.scene, self._take_name, result[0].scale)
@@ -55,11 +55,3 @@ class CBM_OT_bake_take(bpy.types.Operator, ModalJob):
         scene, last = context.scene, context.scene.frame_start + result[0].frames - 1
         if last > scene.frame_end:
             self.report({"WARNING"}, f"the bake ends at frame {last}, and the scene plays to {scene.frame_end}")
-
-    def _armature(self, context: bpy.types.Context) -> bpy.types.Object:
-        if self.rig:
-            return find_armature(self.rig)
-        chosen = context.scene.cbm.rig or context.active_object
-        if chosen is None:
-            raise InputError("Rig", "none is chosen; choose an armature")
-        return chosen

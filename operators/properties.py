@@ -12,17 +12,20 @@ import bpy
 
 from ..cbm_addon.errors import InputError
 from ..cbm_addon.features import MODES
+from ..cbm_addon.hands.avoid import FingerOptions
 from ..cbm_addon.rigs.recognize import recognize, summary
 from ..cbm_addon.rigs.tables import Table, load_table
 from ..cbm_addon.scene.bake import BakeOptions
+from ..cbm_addon.scene.fingers import PoseOptions
 from ..cbm_addon.scene.reduction import Reduction
-from ..cbm_addon.scene.rig import read_bones
+from ..cbm_addon.scene.rig import find_armature, read_bones
 from ..cbm_addon.solve.models import DEFAULT_MODEL
 from ..cbm_addon.solve.perform import SolveOptions
 from ..cbm_addon.takes.calibrate import Calibration, CalibrationOptions
 from ..cbm_addon.takes.devices import CONTROLLERS, NO_DEVICE
 from ..cbm_addon.takes.frames import AXES, METRES
 from ..cbm_addon.takes.recording import ROTATION_ORDERS, TakeOverrides
+from ..cbm_addon.takes.take import Take
 from .import_take import load_take
 
 MEASURE = ("MEASURE", "Measure", "Find it in the take")
@@ -165,6 +168,47 @@ def describe_rig(settings: bpy.types.PropertyGroup, context: bpy.types.Context) 
         settings.rig_summary = f"! {error}"
 
 
+def chosen_armature(context: bpy.types.Context, name: str) -> bpy.types.Object:
+    """The armature of that name, or the panel's, or the active one; InputError if there is none."""
+    if name:
+        return find_armature(name)
+    chosen = context.scene.cbm.rig or context.active_object
+    if chosen is None:
+        raise InputError("Rig", "none is chosen; choose an armature")
+    return chosen
+
+
+class CBM_PG_fingers(bpy.types.PropertyGroup):
+    hands: bpy.props.EnumProperty(
+        name="Hands",
+        items=[("BOTH", "Both", "The hands that have fingers"), ("LEFT", "Left", "The left hand"), ("RIGHT", "Right", "The right hand")],
+    )
+    obstacles: bpy.props.PointerProperty(
+        name="Obstacles",
+        description="What fingers must not enter; everything visible that does not belong to the character if empty",
+        type=bpy.types.Collection,
+    )
+    use_range: bpy.props.BoolProperty(name="Frame Range", description="Pose these frames only; otherwise all frames of the scene")
+    frame_start: bpy.props.IntProperty(name="Start", description="First frame", default=1)
+    frame_end: bpy.props.IntProperty(name="End", description="Last frame", default=250)
+    strength: bpy.props.FloatProperty(name="Strength", description="0 leaves the fingers as they are", default=1, min=0, max=1, subtype="FACTOR")
+    grasp: bpy.props.BoolProperty(name="Grasp", description="Close the fingers until they rest on what they can reach")
+    buttons: bpy.props.BoolProperty(
+        name="Trigger and Grip", description="Bend the fingers by the triggers and grips of the take first; otherwise keep their animation, or relax them"
+    )
+    summary: bpy.props.StringProperty(name="Result", description="What became of each hand, a line each")
+
+    def options(self, table: Table | None, take: Take | None) -> PoseOptions:
+        return PoseOptions(
+            sides=None if self.hands == "BOTH" else (self.hands.capitalize(),),
+            collection=self.obstacles,
+            frames=(self.frame_start, self.frame_end) if self.use_range else None,
+            solve=FingerOptions(strength=self.strength, grasp=self.grasp, seed=self.id_data.cbm.seed),
+            take=take,
+            table=table,
+        )
+
+
 class CBM_PG_settings(bpy.types.PropertyGroup, CalibrationProperties, RigProperties):
     take: bpy.props.StringProperty(name="Take", description="The three-point recording")
     take_summary: bpy.props.StringProperty(name="Findings", description="What was found and assumed of the take, a line each")
@@ -188,6 +232,8 @@ class CBM_PG_settings(bpy.types.PropertyGroup, CalibrationProperties, RigPropert
             ("lower", "Hips and Legs", "Hips and legs follow the take; head and wrists stay where the rig's animation has them"),
         ],
     )
+
+    fingers: bpy.props.PointerProperty(type=CBM_PG_fingers)
 
     variations: bpy.props.IntProperty(name="Variations", description="How many are baked at once, each an action", default=1, min=1, max=16)
     push_down: bpy.props.BoolProperty(

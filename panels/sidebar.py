@@ -9,10 +9,12 @@ from pathlib import PurePath
 import bpy
 
 from ..cbm_addon.scene.modal import ModalJob
+from ..cbm_addon.scene.overlay import Overlay
 from ..operators.bake_take import CBM_OT_bake_take
 from ..operators.import_mocap import CBM_OT_import_mocap
 from ..operators.import_take import CBM_OT_import_take
 from ..operators.load_model import CBM_OT_load_model
+from ..operators.pose_fingers import CBM_OT_add_colliders, CBM_OT_pose_fingers, CBM_OT_show_hands
 from ..operators.train_model import CBM_OT_train_model
 
 FINDINGS_SHOWN = 8
@@ -37,6 +39,7 @@ class CBM_PT_sidebar(bpy.types.Panel):
         self._rig(layout.box(), settings, letters)
         self._model(layout.box(), settings, letters)
         self._bake(layout.box(), settings)
+        self._fingers(layout.box(), settings, letters)
 
     def _take(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup, letters: int) -> None:
         box.label(text="1. Take", icon="REC")
@@ -107,6 +110,34 @@ class CBM_PT_sidebar(bpy.types.Panel):
         row.enabled = bool(settings.take and settings.rig)
         text = f"Bake {settings.variations} Variations" if settings.variations > 1 else CBM_OT_bake_take.bl_label
         row.operator(CBM_OT_bake_take.bl_idname, text=text, icon="PLAY")
+
+    def _fingers(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup, letters: int) -> None:
+        fingers = settings.fingers
+        box.label(text="5. Fingers", icon="VIEW_PAN")
+        column = box.column(align=True)
+        column.row(align=True).prop(fingers, "hands", expand=True)
+        column.prop(fingers, "obstacles")
+        column.prop(fingers, "strength")
+        row = column.row(align=True)
+        row.prop(fingers, "use_range", text="Frames")
+        for name in ("frame_start", "frame_end"):
+            limit = row.row(align=True)
+            limit.enabled = fingers.use_range
+            limit.prop(fingers, name, text="")
+        row = box.row()
+        row.prop(fingers, "grasp")
+        buttons = row.row()
+        buttons.enabled = bool(settings.take)
+        buttons.prop(fingers, "buttons")
+        row = box.row(align=True)
+        row.operator(CBM_OT_add_colliders.bl_idname, icon="MESH_CAPSULE")
+        row.operator(CBM_OT_show_hands.bl_idname, icon="OVERLAY", depress=Overlay.shown is not None)
+        row = box.row()
+        row.scale_y = 1.5
+        row.enabled = settings.rig is not None
+        row.operator(CBM_OT_pose_fingers.bl_idname, icon="PLAY")
+        if fingers.summary:
+            _findings(box, fingers.summary, letters)
 
 
 def _letters(context: bpy.types.Context) -> int:

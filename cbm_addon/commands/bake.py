@@ -74,7 +74,8 @@ def bake_file(args: argparse.Namespace, console: Console, models: Callable[[Path
     options = solve_options(args)
     table = load_table(args.map) if args.map else None
     reduction = Reduction(*args.reduce) if args.reduce else None
-    _check(args, args.blend or (None if kept else blend_file.opened()))
+    _check(args)
+    blend_file.check_files(args.blend, None if kept else blend_file.opened(), args.output)
     for preview in args.preview:
         check_preview(preview)
     with replacing_all([args.output, *args.preview], args.overwrite) as (blend, *previews):
@@ -118,17 +119,11 @@ def bake_file(args: argparse.Namespace, console: Console, models: Callable[[Path
     }
 
 
-def _check(args: argparse.Namespace, source: Path | None) -> None:
+def _check(args: argparse.Namespace) -> None:
     if args.variations < 1:
         raise InputError("--variations", f"is {args.variations}; at least 1 is needed")
     if args.reduce and not all(args.reduce):
         raise InputError("--reduce", f"allows {args.reduce[0]:g} mm and {args.reduce[1]:g} degrees; both must be more than 0")
-    if args.blend and not args.blend.is_file():
-        raise InputError(args.blend, "does not exist; name a .blend file")
-    if source and args.output.resolve() == source.resolve():
-        raise InputError(args.output, "is the file that is read; write to another one")
-    if args.output.suffix.lower() != ".blend":
-        raise InputError(args.output, "must end in .blend")
 
 
 def _summary(made: dict[str, Any], part: str) -> str:

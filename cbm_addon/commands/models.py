@@ -16,13 +16,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
-    from ..solve.models import describe, find_models, read_card, verify_files
+    from ..hands import model as hands
+    from ..model_folder import find_models, read_json_card, verify_files
+    from ..solve import models as bodies
 
     found = []
     for folder in args.folders or find_models():
-        card = read_card(folder)
+        kind = hands if read_json_card(folder).get("format") == hands.CARD_FORMAT else bodies
+        card = kind.read_card(folder)
         verify_files(folder, card)
-        console.say(f"{folder}: {describe(card)}")
+        console.say(f"{folder}: {kind.describe(card)}")
         found.append({"folder": folder, "card": card})
     if not found:
         console.say("no models found")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any, Protocol, TypeVar
 
 from ..errors import InputError
 
@@ -54,25 +55,43 @@ class TrainConfig:
         return asdict(self)
 
 
-def read_config(path: Path | None) -> TrainConfig:
-    """The configuration in a TOML file; the defaults without one."""
+class Trainable(Protocol):
+    """A dataclass of settings that a training run is repeated from."""
+
+    @property
+    def matching(self) -> str: ...
+
+    def as_dict(self) -> dict[str, Any]: ...
+
+
+Config = TypeVar("Config", bound="Trainable")
+
+
+def read_settings(path: Path | None, defaults: Config) -> Config:
+    """`defaults` with the settings of a TOML file in their place; InputError for what it does not know or what has another type."""
     if path is None:
-        return TrainConfig()
+        return defaults
     try:
         values = tomllib.loads(Path(path).read_text())
     except (OSError, tomllib.TOMLDecodeError) as error:
         raise InputError(path, f"is not a training configuration ({error}); a TOML file is expected") from error
-    defaults = TrainConfig().as_dict()
-    if unknown := sorted(set(values) - set(defaults)):
-        raise InputError(path, f"has unknown settings {', '.join(unknown)}; known are {', '.join(sorted(defaults))}")
+    known = defaults.as_dict()
+    if unknown := sorted(set(values) - set(known)):
+        raise InputError(path, f"has unknown settings {', '.join(unknown)}; known are {', '.join(sorted(known))}")
     for key, value in values.items():
-        expected = type(defaults[key])
+        expected = type(known[key])
         values[key] = tuple(value) if isinstance(value, list) else float(value) if expected is float and isinstance(value, int) else value
         if not isinstance(values[key], expected):
-            raise InputError(path, f"'{key}' is {value!r}; {expected.__name__} is expected, such as {defaults[key]!r}")
-    config = replace(TrainConfig(), **values)
-    if config.latent not in LATENTS:
-        raise InputError(path, f"'latent' is {config.latent!r}; {', '.join(LATENTS)} are known")
+            raise InputError(path, f"'{key}' is {value!r}; {expected.__name__} is expected, such as {known[key]!r}")
+    config = replace(defaults, **values)  # type: ignore[type-var]
     if config.matching not in MATCHINGS:
         raise InputError(path, f"'matching' is {config.matching!r}; {', '.join(MATCHINGS)} are known")
+    return config
+
+
+def read_config(path: Path | None) -> TrainConfig:
+    """The configuration in a TOML file; the defaults without one."""
+    config = read_settings(path, TrainConfig())
+    if config.latent not in LATENTS:
+        raise InputError(path or "configuration", f"'latent' is {config.latent!r}; {', '.join(LATENTS)} are known")
     return config

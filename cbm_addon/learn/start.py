@@ -14,7 +14,8 @@ from torch import Tensor, nn
 from ..errors import InputError
 from ..solve.models import read_card, verify_files
 from .networks import Block
-from .training import Networks, Statistics
+from .statistics import Statistics
+from .training import Networks
 
 
 @torch.no_grad()

@@ -18,29 +18,16 @@ from ..errors import InputError
 from ..features import CONTROL, LOWER_BODY, LOWER_JOINTS, MODES, TRACKERS, Mode
 from ..progress import Progress, part
 from .augment import misjudge_height
-from .config import TrainConfig
+from .config import Trainable, TrainConfig
 from .dataset import Dataset
 from .networks import Blind, CodebookMatching, sample_codes, trunk
 from .rivals import ConditionalVae, ContinuousMatching
+from .statistics import Statistics
 
 Stage2 = CodebookMatching | ConditionalVae | ContinuousMatching
 ENCODER_SHARE = 0.2  # of the steps, in which the encoder of a model that is trained further finds the codes of its decoder
 LOSSES = ("control", "regression", "reconstruction", "matching")
 LAYOUTS = {"window": TRACKERS, "control": CONTROL, "lower_body": LOWER_BODY}
-
-
-@dataclass(frozen=True)
-class Statistics:
-    """Mean and deviation of each number of a feature vector; constant numbers get a deviation of 1."""
-
-    mean: Tensor
-    deviation: Tensor
-
-    def normalise(self, values: Tensor) -> Tensor:
-        return (values - self.mean) / self.deviation
-
-    def restore(self, values: Tensor) -> Tensor:
-        return values * self.deviation + self.mean
 
 
 @dataclass
@@ -65,7 +52,8 @@ class Networks:
     manners: np.ndarray = field(default_factory=lambda: np.zeros((0, len(LOWER_JOINTS), 3), np.float32))
 
     def modules(self) -> nn.ModuleDict:
-        return nn.ModuleDict({"trunk": self.trunk, "control": self.control, "regression": self.regression, "lower_body": self.lower_body})
+        parts = {"trunk": self.trunk, "control": self.control, "regression": self.regression, "lower_body": self.lower_body}
+        return nn.ModuleDict(parts | {"statistics": nn.ModuleDict(self.statistics)})
 
     def losses(self, window: Tensor, control: Tensor, lower: Tensor, matching: str) -> Tensor:
         """LOSSES: the errors of control, regression and reconstruction (eq. 2), and the matching loss (eq. 3)."""
@@ -204,7 +192,7 @@ def train_mode(
     steps = len(data["train"]) // config.batch
     if steps == 0:
         raise InputError("training data", f"holds {len(data['train'])} frames; at least one batch of {config.batch} is needed")
-    networks.history = load_checkpoint(checkpoint, networks, optimiser, config) if resume else []
+    networks.history = load_checkpoint(checkpoint, modules, optimiser, config) if resume else []
     weights = torch.ones(4)
     weights[3] = config.matching_weight
     if config.matching != "paper":
@@ -239,27 +227,26 @@ def train_mode(
                 yield Progress(now / total, f"{mode.name}: epoch {epoch + 1} of {config.epochs}, {speed:.0f} samples/s")
         said = dict(zip(LOSSES, (losses / steps).tolist(), strict=True)) | validate(data["validation"], networks)
         networks.history.append({name: round(value, 4) for name, value in said.items()})
-        save_checkpoint(checkpoint, networks, optimiser, config)
+        save_checkpoint(checkpoint, modules, optimiser, config, networks.history)
         yield Progress((epoch + 1) / config.epochs, f"{mode.name}: epoch {epoch + 1}: " + ", ".join(f"{name} {value:.3g}" for name, value in said.items()))
     modules.eval()
     return networks
 
 
-def save_checkpoint(path: Path, networks: Networks, optimiser: torch.optim.Optimizer, config: TrainConfig) -> None:
-    """Parameters, statistics and AdamW's moments as plain arrays; written beside and renamed, so that a kill leaves the last good one."""
-    arrays = {f"parameter/{key}": value.numpy() for key, value in networks.modules().state_dict().items()}
-    arrays |= {f"statistics/{name}": torch.stack((found.mean, found.deviation)).numpy() for name, found in networks.statistics.items()}
+def save_checkpoint(path: Path, modules: nn.ModuleDict, optimiser: torch.optim.Optimizer, config: Trainable, history: list[dict[str, float]]) -> None:
+    """Parameters and AdamW's moments as plain arrays; written beside and renamed, so that a kill leaves the last good one."""
+    arrays = {f"parameter/{key}": value.numpy() for key, value in modules.state_dict().items()}
     for index, parameter in enumerate(optimiser.param_groups[0]["params"]):
         for key, value in optimiser.state.get(parameter, {}).items():
             arrays[f"moment/{index}/{key}"] = value.numpy()
-    arrays["config"] = np.array(json.dumps(config.as_dict() | {"history": networks.history}))
+    arrays["config"] = np.array(json.dumps(config.as_dict() | {"history": history}))
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_suffix(".partial.npz")
     np.savez(temporary, **arrays)
     temporary.replace(path)
 
 
-def load_checkpoint(path: Path, networks: Networks, optimiser: torch.optim.Optimizer, config: TrainConfig) -> list[dict[str, float]]:
+def load_checkpoint(path: Path, modules: nn.ModuleDict, optimiser: torch.optim.Optimizer, config: Trainable) -> list[dict[str, float]]:
     """Restores a checkpoint and returns its history, an entry for each epoch; empty if there is none."""
     if not path.exists():
         return []
@@ -268,8 +255,7 @@ def load_checkpoint(path: Path, networks: Networks, optimiser: torch.optim.Optim
         history = saved.pop("history")
         if saved != json.loads(json.dumps(config.as_dict())):
             raise InputError(path, "was made with another configuration; resume with that one or choose another model folder")
-        networks.statistics = {name: Statistics(*torch.from_numpy(stored[f"statistics/{name}"])) for name in LAYOUTS}
-        networks.modules().load_state_dict({key[10:]: torch.from_numpy(stored[key]) for key in stored.files if key.startswith("parameter/")})
+        modules.load_state_dict({key[10:]: torch.from_numpy(stored[key]) for key in stored.files if key.startswith("parameter/")})
         parameters = optimiser.param_groups[0]["params"]
         for key in stored.files:
             if key.startswith("moment/"):

@@ -7,9 +7,11 @@ from dataclasses import dataclass, fields
 
 from ..errors import InputError
 from ..motion.skeleton import BODY_JOINTS
+from .bone_tree import BoneTree
+from .finger_shape import finger_chains
 from .mapping import mapping_of
 from .match import Match, match_table
-from .rig import FINGER_JOINTS, Bones, Mapping, Rig
+from .rig import FINGER_JOINTS, SIDES, Bones, Mapping, Rig
 from .shape import REQUIRED, find_joints, misshapen
 from .tables import Table, tables
 
@@ -82,12 +84,19 @@ def _by_shape(bones: Bones, matches: list[Match], by_names: InputError) -> Recog
         if len(matches[0].missing) <= len(REQUIRED) / 2:
             raise by_names from None
         raise InputError(bones.name, f"has neither the names of a known rig nor the shape of a person: {by_shape.message}; give a map of its bones") from None
-    match = Match(BY_SHAPE, joints, sum(name in joints for name in BODY_JOINTS) / len(BODY_JOINTS))
+    match = Match(BY_SHAPE, joints | _fingers(bones, joints), sum(name in joints for name in BODY_JOINTS) / len(BODY_JOINTS))
     mapping = mapping_of(bones, match)
     if driven := [bone for bone in mapping.joints.values() if bones.constrained[bones.index(bone)]]:
         raise InputError(bones.name, f"has the shape of a person, but constraints move its bone {driven[0]}; give a map of its controls")
     doubts = ("found by its shape, not by names: look at the map before you rely on it", *_doubts(bones, match, mapping))
     return Recognition(mapping, match.score, doubts, _ranking([match, *matches]))
+
+
+def _fingers(bones: Bones, joints: dict[str, str]) -> dict[str, str]:
+    """Finger joint -> bone, by the shape of the hands."""
+    tree = BoneTree(bones)
+    chains = {f"{side}Hand{finger}": chain for side in SIDES for finger, chain in finger_chains(tree, bones.index(joints[f"{side}Hand"])).items()}
+    return {f"{finger}{phalanx + 1}": bones.bones[bone] for finger, chain in chains.items() for phalanx, bone in enumerate(chain)}
 
 
 def _ranking(matches: list[Match]) -> tuple[tuple[str, float], ...]:

@@ -19,6 +19,7 @@ from .rig import Control, Rig
 
 STRAIGHT = 1e-3  # weight of a straight line where too few frames lie between two keys to tell how the curve goes
 
+
 @dataclass(frozen=True)
 class BoneCurves:
     """What a dense bake keys of one control over T frames: values [T, N] in its rotation mode, and locations [T, 3] of one that also moves."""

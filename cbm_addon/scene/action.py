@@ -88,19 +88,31 @@ def write_action(obj: bpy.types.Object, name: str, frames: np.ndarray, channels:
 
     A component that never changes gets one key instead of T. InputError if the object's animation cannot be changed now.
     """
+    data = unlocked_animation(obj)
+    action, slot = new_action(obj, name, frames, channels)
+    action.use_fake_user = fake_user
+    data.action = action
+    if slot is not None:
+        data.action_slot = slot
+    return action
+
+
+def unlocked_animation(obj: bpy.types.Object) -> bpy.types.AnimData:
+    """The object's animation; InputError if it cannot be changed now."""
     data = obj.animation_data_create()
     if data is None or data.use_tweak_mode:
         raise InputError(obj.name, "its animation is locked; leave the NLA's tweak mode, or make a linked object local")
+    return data
+
+
+def new_action(obj: bpy.types.Object, name: str, frames: np.ndarray, channels: Iterable[Channel]) -> tuple[bpy.types.Action, bpy.types.ActionSlot | None]:
+    """A new action for the object, as `write_action` writes it, and its slot, which legacy actions do not have. Nothing is bound to it yet."""
     action = bpy.data.actions.new(name)
-    action.use_fake_user = fake_user
     slotted = hasattr(action, "slots")
     slot = action.slots.new("OBJECT", obj.name) if slotted else None
     bag = action.layers.new("Layer").strips.new(type="KEYFRAME").channelbag(slot, ensure=True) if slotted else action
     _write_curves(bag, frames, channels)
-    data.action = action
-    if slotted:
-        data.action_slot = slot
-    return action
+    return action, slot
 
 
 def _write_curves(bag: bpy.types.ActionChannelbag | bpy.types.Action, frames: np.ndarray, channels: Iterable[Channel]) -> None:
@@ -139,18 +151,19 @@ def _bend(points: bpy.types.FCurveKeyframePoints, keys: Array, leaving: Array, a
 def action_curves(obj: bpy.types.Object) -> list[bpy.types.FCurve]:
     """The curves that animate the object: those of its action, in its slot."""
     data = obj.animation_data
-    return _curves(data.action, getattr(data, "action_slot", None)) if data and data.action else []
+    return curves_of(data.action, getattr(data, "action_slot", None)) if data and data.action else []
 
 
 def animated_paths(obj: bpy.types.Object) -> set[str]:
     """Paths of what its action and the strips of its NLA animate."""
     tracks = obj.animation_data.nla_tracks if obj.animation_data else ()
     strips = [strip for track in tracks for strip in track.strips if strip.action]
-    below = [curve for strip in strips for curve in _curves(strip.action, getattr(strip, "action_slot", None))]
+    below = [curve for strip in strips for curve in curves_of(strip.action, getattr(strip, "action_slot", None))]
     return {curve.data_path for curve in (*action_curves(obj), *below)}
 
 
-def _curves(action: bpy.types.Action, slot: bpy.types.ActionSlot | None) -> list[bpy.types.FCurve]:
+def curves_of(action: bpy.types.Action, slot: bpy.types.ActionSlot | None) -> list[bpy.types.FCurve]:
+    """The curves of an action, in a slot of it."""
     if not hasattr(action, "slots"):
         return list(action.fcurves)
     bags = (strip.channelbag(slot) for layer in action.layers for strip in layer.strips if slot)

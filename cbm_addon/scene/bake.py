@@ -43,6 +43,7 @@ from .action import (
     write_action,
 )
 from .kept import PART, Kept, posed_at, reading_upper_body
+from .nla import play_below, push_down
 from .reduction import Reduction, ReductionReport, reducing_channels
 from .rig import read_rig, require_editable
 
@@ -269,41 +270,12 @@ def _write(armature: bpy.types.Object, name: str, frames: np.ndarray, channels: 
     action = write_action(armature, name, frames, channels, options.fake_user)
     action[PART] = options.part
     if previous is not None and options.part == "lower" and previous.get(PART) != "lower":
-        _play_below(data, previous, slot, frames)
+        play_below(data, previous, slot, frames)
     elif previous is not None and options.push_down:
-        _push_down(data, previous, slot)
+        push_down(data, previous, slot)
     elif previous is not None:
         previous.use_fake_user = True  # or it would leave the file with its last user
     return action
-
-
-def _push_down(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None) -> None:
-    """Keeps an action as a muted NLA track, to be listened to by unmuting it."""
-    _add_strip(data, action, slot)[0].mute = True
-
-
-def _add_strip(
-    data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None
-) -> tuple[bpy.types.NlaTrack, bpy.types.NlaStrip]:
-    """A new NLA track on top, called like an action and with that action as its strip, where the action has its keys."""
-    track = data.nla_tracks.new()
-    track.name = action.name
-    strip = track.strips.new(action.name, int(action.frame_range[0]), action)
-    if slot is not None:
-        strip.action_slot = slot
-    return track, strip
-
-
-def _play_below(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None, frames: np.ndarray) -> None:
-    """Plays an action as an NLA strip below the active one, which replaces it where it has curves of its own.
-
-    A strip, and not a copy of its curves, because the animator's action stays the one that is edited and ours stays free of their keys.
-    """
-    start = min(action.frame_range[0], frames[0])
-    end = max(action.frame_range[1], frames[-1], start + 1)
-    _, strip = _add_strip(data, action, slot)
-    strip.action_frame_start, strip.action_frame_end = start, end  # wide enough for the curves' own extrapolation to show
-    strip.frame_start, strip.frame_end = start, end
 
 
 def _tracker_errors(context: bpy.types.Context, armature: bpy.types.Object, rig: Rig, frames: np.ndarray, trackers: Array) -> dict[str, TrackerError]:

@@ -49,6 +49,17 @@ def opened() -> Path | None:
     return Path(bpy.data.filepath) if bpy.data.filepath else None
 
 
+def check_files(blend: Path | None, opened: Path | None, output: Path) -> None:
+    """InputError if the file to read (`blend`, or the one that is open) is not there, or is the one to write, or if that is no blend file."""
+    source = blend or opened
+    if blend and not blend.is_file():
+        raise InputError(blend, "does not exist; name a .blend file")
+    if source and output.resolve() == source.resolve():
+        raise InputError(output, "is the file that is read; write to another one")
+    if output.suffix.lower() != ".blend":
+        raise InputError(output, "must end in .blend")
+
+
 def open_target(blend: Path | None, rig: str | None, preset: str | None, kept: Path | None = None) -> Target:
     """The armature called `rig`, or a new one of a preset, in `blend` or in the file that is open. InputError if it is not to be had.
 

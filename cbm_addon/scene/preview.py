@@ -107,7 +107,7 @@ def _stage(scene: bpy.types.Scene, shot: Shot) -> Iterator[bpy.types.Scene]:
         add_floor(stage.collection, np.stack((heads.min(0), heads.max(0))), MARGIN)
         for device, marker in add_markers(stage.collection).items():
             animate_tracker(marker, stage, shot.take, device, shot.scale)
-        _look(stage)
+        look(stage)
         yield stage
     finally:
         bpy.data.scenes.remove(stage)
@@ -117,7 +117,7 @@ def _stage(scene: bpy.types.Scene, shot: Shot) -> Iterator[bpy.types.Scene]:
                 collection.remove(block)
 
 
-def _look(stage: bpy.types.Scene) -> None:
+def look(stage: bpy.types.Scene) -> None:
     stage.world = bpy.data.worlds.new("CBM Preview")
     stage.world.color = BACKGROUND
     stage.view_settings.view_transform = "Standard"
@@ -179,11 +179,11 @@ def _video(stage: bpy.types.Scene, shot: Shot, path: Path) -> Generator[Progress
                     yield Progress((i + start / len(frames)) / len(actions), f"rendering {path.suffix[1:]}")
                     chunk = frames[start : start + CHUNK]
                     stage.frame_start, stage.frame_end = chunk[0], chunk[-1]
-                    _render(stage, animation=True)
+                    render(stage, animation=True)
         pictures = [sorted(Path(folder).glob(f"{i}-*.png")) for i in range(len(actions))]
         if shot.actions:
             for beside in zip(*pictures, strict=True):
-                _save_picture(_grid([_pixels(picture) for picture in beside], BESIDE_COLUMNS), beside[0])
+                _save_picture(_grid([pixels_of(picture) for picture in beside], BESIDE_COLUMNS), beside[0])
         _encode(stage, pictures[0], rate, path)
 
 
@@ -203,7 +203,7 @@ def _encode(stage: bpy.types.Scene, pictures: list[Path], rate: float, path: Pat
     render.ffmpeg.format, render.ffmpeg.codec = "MPEG4", "H264"
     render.ffmpeg.constant_rate_factor = "HIGH"
     render.filepath = str(path)
-    _render(stage, animation=True)
+    render(stage, animation=True)
 
 
 def _sheet(stage: bpy.types.Scene, shot: Shot, path: Path) -> Generator[Progress, None, None]:
@@ -216,7 +216,7 @@ def _sheet(stage: bpy.types.Scene, shot: Shot, path: Path) -> Generator[Progress
             with shot.playing(stage, action):
                 for frame in frames.tolist():
                     yield Progress(len(pictures) / len(frames) / len(actions), f"rendering {path.suffix[1:]}")
-                    pictures.append(_pixels(_picture(stage, frame, Path(folder, f"{len(pictures)}.png"))))
+                    pictures.append(pixels_of(_picture(stage, frame, Path(folder, f"{len(pictures)}.png"))))
     _save_picture(_grid(pictures, MOMENTS if shot.actions else SHEET_COLUMNS), path)
 
 
@@ -244,16 +244,16 @@ def _save_picture(pixels: Array, path: Path) -> None:
 def _picture(stage: bpy.types.Scene, frame: int, path: Path) -> Path:
     stage.frame_set(frame)
     stage.render.filepath = str(path)
-    _render(stage, write_still=True)
+    render(stage, write_still=True)
     return path
 
 
-def _render(stage: bpy.types.Scene, **how: bool) -> None:
+def render(stage: bpy.types.Scene, **how: bool) -> None:
     with silence(), bpy.context.temp_override(scene=stage):  # naming the scene to the operator would not evaluate its animation
         bpy.ops.render.render(**how)
 
 
-def _pixels(path: Path) -> Array:
+def pixels_of(path: Path) -> Array:
     """Pixels [height, width, 4] of a picture file, from its lowest row."""
     image = bpy.data.images.load(str(path))
     pixels = np.empty(len(image.pixels), dtype=np.float32)

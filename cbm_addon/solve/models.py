@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,10 +10,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..features import CONTROL, LOWER_BODY, LOWER_JOINTS, MODES, RATE, TRACKERS, Mode
+from ..model_folder import MODELS_FOLDER, card_of_format, open_session, session_options, verify_files
 from ..motion.rotations import Array
 
 CARD_FORMAT = "cbm-model 1"
-MODELS_FOLDER = Path(__file__).parent.parent / "models"
 DEFAULT_MODEL = MODELS_FOLDER / "base"
 PARTS = ("estimator", "decoder")
 
@@ -85,18 +83,7 @@ class Model:
 
 def read_card(folder: Path) -> dict[str, Any]:
     """The card of a model folder, checked against what this version of the engine solves with."""
-    path = Path(folder) / "card.json"
-    try:
-        card = json.loads(path.read_text())
-    except OSError as error:
-        raise InputError(folder, "is not a model: it has no card.json; choose a folder that `train` wrote") from error
-    except ValueError as error:
-        raise InputError(path, f"is not JSON ({error}); choose a folder that `train` wrote") from error
-    if not isinstance(card, dict) or card.get("format") != CARD_FORMAT:
-        raise InputError(path, f"has another format; '{CARD_FORMAT}' is expected")
-    missing = [key for key in ("name", "version", "modes", "files", "training", "licence") if key not in card]
-    if missing:
-        raise InputError(path, f"lacks {', '.join(missing)}; train the model again with this version")
+    card, path = card_of_format(folder, CARD_FORMAT, ("modes",)), Path(folder) / "card.json"
     for name, entry in card["modes"].items():
         if name not in MODES:
             raise InputError(path, f"has the unknown mode '{name}'; known are {', '.join(MODES)}")
@@ -114,21 +101,6 @@ def describe(card: dict[str, Any]) -> str:
     return f"'{card['name']}' {card['version']}: {' and '.join(card['modes'])}, {size:.1f} MB, trained on {clips} clips, {card['licence']}"
 
 
-def verify_files(folder: Path, card: dict[str, Any]) -> None:
-    """Every file that the card names is there and unchanged."""
-    for name, entry in card["files"].items():
-        path = Path(folder) / name
-        if not path.is_file():
-            raise InputError(path, "is missing; the card names it")
-        if hashlib.sha256(path.read_bytes()).hexdigest() != entry["sha256"]:
-            raise InputError(path, "is not the file that the card describes (its checksum differs); copy the model again")
-
-
-def find_models(folder: Path = MODELS_FOLDER) -> list[Path]:
-    """Model folders below `folder`."""
-    return sorted(path.parent for path in Path(folder).glob("*/card.json"))
-
-
 def load_model(folder: Path | None = None, threads: int = 0) -> Model:
     """Loads a model folder (the shipped one by default) after checking its card and files; InputError where it does not fit.
 
@@ -137,23 +109,13 @@ def load_model(folder: Path | None = None, threads: int = 0) -> Model:
     folder = Path(folder) if folder else DEFAULT_MODEL
     card = read_card(folder)
     verify_files(folder, card)
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise InputError("onnxruntime", f"cannot be imported ({error}); the extension ships it, a checkout needs `pip install onnxruntime`") from error
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.log_severity_level = 3
-
-    def session(name: str) -> Any:
-        return onnxruntime.InferenceSession(str(folder / name), options, providers=["CPUExecutionProvider"])
-
+    options = session_options(threads)
     modes = {
         name: ModeNetworks(
             MODES[name],
             entry["channels"],
             entry["classes"],
-            {part: session(f"{name}.{part}.onnx") for part in PARTS},
+            {part: open_session(folder / f"{name}.{part}.onnx", options) for part in PARTS},
             np.array(entry.get("manners", []), np.float32).reshape(-1, len(LOWER_JOINTS), 3),
         )
         for name, entry in card["modes"].items()

@@ -18,15 +18,15 @@ from cbm_addon.cli import COMMANDS
 REPOSITORY = Path(__file__).resolve().parents[2]
 ENGINE = REPOSITORY / "cbm_addon"
 
-COMMON = {"errors", "progress", "outputs"}
+COMMON = {"errors", "progress", "outputs", "model_folder"}
 ROOMS_KNOWN = {
     "motion": set(),
     "takes": {"motion"},
     "features": {"motion", "takes"},
-    "learn": {"motion", "takes", "features", "solve"},  # it exports the card that solve/models.py reads
+    "learn": {"motion", "takes", "features", "solve", "hands"},  # it exports the cards that solve/models.py and hands/model.py read
     "solve": {"motion", "takes", "features"},
     "rigs": {"motion", "takes", "features"},
-    "hands": {"motion", "takes", "features"},
+    "hands": {"motion"},
     "evaluate": {"motion", "takes", "features", "learn", "solve", "rigs", "hands"},
     "scene": {"motion", "takes", "solve", "rigs", "hands"},
     "commands": {"motion", "takes", "features", "learn", "solve", "rigs", "hands", "evaluate", "scene"},
@@ -34,7 +34,7 @@ ROOMS_KNOWN = {
 LIBRARIES_KNOWN = {
     "bpy": {"scene", "operators", "panels", "__init__"},
     "torch": {"learn", "evaluate"},
-    "onnxruntime": {"solve"},
+    "onnxruntime": {"model_folder"},
 }
 """Which rooms may import a library anywhere in their files."""
 

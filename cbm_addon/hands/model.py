@@ -1,0 +1,80 @@
+"""The trained networks of the hands: a model folder whose card also holds the grid that they see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..model_folder import MODELS_FOLDER, card_of_format, open_session, session_options, verify_files
+from ..motion.rotations import Array
+from .hand import ANGLES, JOINTS, TIPS
+from .sensor import Grid
+
+CARD_FORMAT = "cbm-hands 1"
+DEFAULT_HANDS = MODELS_FOLDER / "hands"
+ESTIMATOR, DECODER = "hands.estimator.onnx", "hands.decoder.onnx"
+
+
+@dataclass(frozen=True)
+class HandModel:
+    """Codebook matching for one hand: from what is sensed (voxels, then wanted places; hands/sensor.py) to angles that are free of it."""
+
+    folder: Path
+    card: dict[str, Any]
+    grid: Grid
+    channels: int
+    classes: int
+    estimator: Any
+    decoder: Any
+
+    @property
+    def name(self) -> str:
+        return self.card["name"]
+
+    def propose(self, occupancy: Array, places: Array, candidates: int, seed: int) -> Array:
+        """Angles [K, F, 20] for occupancy [F, C] and wanted places [F, 60]: the likeliest code first, then drawn ones.
+
+        The noise of a candidate is the same in all frames, so that its codes do not flicker.
+        """
+        sensed = np.concatenate((occupancy, places), -1).astype(np.float32)
+        logits, features = self.estimator.run(["logits", "features"], {"sensed": sensed})
+        logits = logits.reshape(len(sensed), self.channels, self.classes)
+        noise = np.random.default_rng(seed).gumbel(size=(candidates, 1, self.channels, self.classes)).astype(np.float32)
+        noise[0] = 0
+        codes = np.eye(self.classes, dtype=np.float32)[(logits + noise).argmax(-1)].reshape(candidates * len(sensed), -1)
+        angles = self.decoder.run(None, {"codes": codes, "features": np.tile(features, (candidates, 1))})[0]
+        return angles.reshape(candidates, len(sensed), len(ANGLES))
+
+
+def signature(grid: Grid) -> dict[str, Any]:
+    """What the networks take and give, as the card says it."""
+    return {"grid": grid.as_dict(), "places": [*JOINTS, *TIPS], "angles": list(ANGLES)}
+
+
+def read_card(folder: Path) -> dict[str, Any]:
+    """The card of a model of hands, checked against this version of the engine."""
+    card = card_of_format(folder, CARD_FORMAT, ("features", "channels", "classes"))
+    for key, expected in (("places", [*JOINTS, *TIPS]), ("angles", list(ANGLES))):
+        if card["features"].get(key) != expected:
+            raise InputError(Path(folder) / "card.json", f"was trained on other features ('{key}' differs); train the model again with this version")
+    return card
+
+
+def describe(card: dict[str, Any]) -> str:
+    """A card in one line."""
+    size = sum(entry["bytes"] for entry in card["files"].values()) / 1e6
+    return f"'{card['name']}' {card['version']}: hands, {size:.1f} MB, trained on {card['training']['poses']} poses, {card['licence']}"
+
+
+def load_hand_model(folder: Path | None = None, threads: int = 0) -> HandModel:
+    """Loads a model of hands (the shipped one by default) after checking its card and files; InputError where it does not fit."""
+    folder = Path(folder) if folder else DEFAULT_HANDS
+    card = read_card(folder)
+    verify_files(folder, card)
+    options = session_options(threads)
+    estimator, decoder = (open_session(folder / name, options) for name in (ESTIMATOR, DECODER))
+    return HandModel(folder, card, Grid.from_dict(card["features"]["grid"]), card["channels"], card["classes"], estimator, decoder)

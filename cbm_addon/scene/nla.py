@@ -1,0 +1,55 @@
+"""Actions as strips of the NLA: below the one that is edited, and above it."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from .action import action_curves, curves_of
+
+
+def play_below(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None, frames: np.ndarray) -> None:
+    """Plays an action as an NLA strip below the active one, which replaces it where it has curves of its own.
+
+    A strip, and not a copy of its curves, because the animator's action stays the one that is edited and ours stays free of their keys.
+    """
+    start = min(action.frame_range[0], frames[0])
+    end = max(action.frame_range[1], frames[-1], start + 1)
+    add_strip(data, action, slot, start, end)
+
+
+def play_above(obj: bpy.types.Object, action: bpy.types.Action, slot: bpy.types.ActionSlot | None, frames: np.ndarray) -> bpy.types.NlaStrip:
+    """Plays an action over `frames` [T] as an NLA strip above everything else that moves the object.
+
+    The object's own action stays the active one, and below ours where they differ. If it has curves of the same properties it becomes a
+    strip itself, because Blender evaluates the active action last.
+    """
+    data = obj.animation_data
+    ours = {curve.data_path for curve in curves_of(action, slot)}
+    if data.action is not None and ours & {curve.data_path for curve in action_curves(obj)}:
+        below, slot_below = data.action, getattr(data, "action_slot", None)
+        data.action = None
+        play_below(data, below, slot_below, frames)
+    strip = add_strip(data, action, slot, frames[0], max(frames[-1], frames[0] + 1))
+    strip.extrapolation = "NOTHING"
+    data.use_nla = True
+    return strip
+
+
+def push_down(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None) -> None:
+    """Keeps an action as a muted NLA track, to be seen by unmuting it."""
+    start, end = action.frame_range
+    add_strip(data, action, slot, start, max(end, start + 1))
+    data.nla_tracks[-1].mute = True
+
+
+def add_strip(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None, start: float, end: float) -> bpy.types.NlaStrip:
+    """A strip of an action on a new track above the others, whose frames from `start` to `end` play where they are."""
+    track = data.nla_tracks.new()
+    track.name = action.name
+    strip = track.strips.new(action.name, int(start), action)
+    if slot is not None:
+        strip.action_slot = slot
+    strip.action_frame_start, strip.action_frame_end = start, end  # wide enough for the curves' own extrapolation to show
+    strip.frame_start, strip.frame_end = start, end
+    return strip
