@@ -7,10 +7,12 @@ from pathlib import Path
 from types import ModuleType
 
 import bpy
+import numpy as np
 import pytest
 
 from cbm_addon.cli import main
 from cbm_addon.motion.skeleton import BODY_JOINTS, STANDARD_BODY
+from cbm_addon.scene.action import Channel, write_action
 from cbm_addon.scene.rigify import rigify_metarig
 
 SAMPLE = Path(__file__).resolve().parents[2] / "cbm_addon" / "takes" / "sample" / "walk_turn_crouch.csv"
@@ -78,6 +80,24 @@ def test_takes_and_variations_become_actions_and_the_first_is_active(folder, sce
     assert bpy.data.objects["Hero"].animation_data.action.name == "stand_variation0"
 
 
+def test_earlier_actions_and_other_variations_become_muted_tracks_on_request(folder, scene_blend):
+    bpy.ops.wm.open_mainfile(filepath=str(scene_blend))
+    hero = bpy.data.objects["Hero"]
+    write_action(hero, "mine", np.array([11.0, 20.0]), [Channel("location", np.eye(3)[:2], "Move")], fake_user=False)
+    bpy.ops.wm.save_mainfile()
+    argv = ["bake", "walk.csv", "--variations", "2", "--push-down", "--no-fake-user", "--rig", "Hero", "--blend", "scene.blend", "-o", "out.blend"]
+    assert main([*argv, "--quiet"]) == 0
+    bpy.ops.wm.open_mainfile(filepath=str(folder / "out.blend"))
+    data = bpy.data.objects["Hero"].animation_data
+    assert data.action.name == "walk_variation0"
+    assert [(track.name, track.mute, track.strips[0].action.name) for track in data.nla_tracks] == [
+        ("mine", True, "mine"),
+        ("walk_variation1", True, "walk_variation1"),
+    ]
+    assert (data.nla_tracks[0].strips[0].frame_start, data.nla_tracks[0].strips[0].frame_end) == (11, 20)
+    assert not any(action.use_fake_user for action in bpy.data.actions)
+
+
 def test_a_preset_can_be_added_to_a_users_scene(folder, scene_blend):
     assert main(["bake", "walk.csv", "--preset", "rigify-metarig", "--blend", "scene.blend", "-o", "out.blend", "--quiet"]) == 0
     bpy.ops.wm.open_mainfile(filepath=str(folder / "out.blend"))
@@ -120,6 +140,8 @@ def a_body_without_legs() -> None:
         (["--preset", "rigify-metarig", "--preview", "out.gif"], "out.gif: is no kind of preview"),
         (["--preset", "rigify-metarig", "--preview", "out.blend"], "out.blend: is no kind of preview"),
         (["--preset", "rigify-metarig", "--variations", "0"], "--variations: is 0"),
+        (["--preset", "rigify-metarig", "--reduce", "5"], "'5' is not two numbers with commas between them"),
+        (["--preset", "rigify-metarig", "--reduce", "0,1"], "--reduce: allows 0 mm"),
         (["--preset", "rigify-metarig", "--model", "."], "card.json"),
         (["--preset", "rigify-metarig", "--limbs", "ik"], "key its limbs with fk"),
         (["--preset", "nonsense"], "nonsense"),

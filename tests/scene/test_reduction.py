@@ -104,7 +104,7 @@ def test_hands_and_feet_that_inverse_kinematics_place_stay_where_they_are(human,
     fewer = evaluated(human, rig, joints)[..., :3, 3]
     write_action(human, "dense", 1.0 + np.arange(FRAMES), dense)
     assert 1000 * np.linalg.norm(fewer - evaluated(human, rig, joints)[..., :3, 3], axis=-1).max() < 0.5
-    assert report.keys_after < report.keys_before / 2
+    assert report.keys_after < 0.7 * report.keys_before, "the limbs keep theirs"
 
 
 def test_standing_feet_stand_however_much_is_allowed(metarig):
