@@ -23,7 +23,7 @@ VIEWS = {  # from where the left hand is seen, in the world: it lies along X in 
     "thigh": (1.0, -0.8, 0.15),
 }
 THING, SKIN = (0.25, 0.5, 0.55, 1), (0.80, 0.62, 0.52, 1)
-FINE, COARSE = 0.0022, 0.008  # metres: voxels of the skin of hands and body
+VOXEL = 0.003  # metres, of the skin of the hands
 
 
 def main() -> None:
@@ -90,7 +90,7 @@ def add_skin(armature, rig) -> None:
         fingers = finger_bones(rig, side)
         parts = finger_colliders(rig, fingers, fingers.length * RADII, fingers.length * PALM_RADIUS)
         hands += zip((*fingers.bones, *[fingers.wrist] * 5), parts, strict=True)
-    for voxel, pieces in ((FINE, hands), (COARSE, [(part.bone, part) for part in body_colliders(rig)])):
+    for pieces in (hands, [(part.bone, part) for part in body_colliders(rig)]):
         mesh = bpy.data.meshes.new("Skin")
         points, faces, owners = [], [], []
         for bone, part in pieces:
@@ -107,9 +107,10 @@ def add_skin(armature, rig) -> None:
             group = obj.vertex_groups.get(bone) or obj.vertex_groups.new(name=bone)
             group.add(range(first, last), 1.0, "REPLACE")
         obj.modifiers.new("Armature", "ARMATURE").object = armature
-        remesh = obj.modifiers.new("Remesh", "REMESH")
-        remesh.mode, remesh.voxel_size, remesh.use_smooth_shade = "VOXEL", voxel, True
-        remesh.show_viewport = False  # for pictures alone: it takes long
+        if pieces is hands:
+            remesh = obj.modifiers.new("Remesh", "REMESH")
+            remesh.mode, remesh.voxel_size, remesh.use_smooth_shade = "VOXEL", VOXEL, True
+            remesh.show_viewport = False  # for pictures alone: it takes long
 
 
 def aim(scene, middle: np.ndarray, view: np.ndarray) -> None:

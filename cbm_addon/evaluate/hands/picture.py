@@ -11,11 +11,11 @@ from ...hands.shapes import Capsules
 from ...motion.rotations import Array, normalize, rotate
 from .scenes import Scene
 
-SIZE = 300  # pixels of one picture
-WIDTH = 0.30  # metres that it shows
-STEPS = 48
+SIZE = 240  # pixels of one picture
+WIDTH = 0.24  # metres that it shows
+STEPS = 32
 SKIN, SOLID, WALL = (np.array(colour, float) for colour in ((224, 172, 140), (120, 144, 176), (250, 250, 250)))
-LIGHT = normalize(np.array([0.3, -0.5, 0.8]))
+LIGHT = normalize(np.array([0.2, -0.3, 0.9]))
 
 
 def before_and_after(scene: Scene, angles: Array, frame: int) -> np.ndarray:
