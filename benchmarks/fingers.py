@@ -46,8 +46,8 @@ def timed(call: Callable[[], Any]) -> tuple[Any, float]:
 
 def show(frames: int) -> None:
     import bpy
-    from cbm_addon.hands.avoid import FingerOptions, avoiding
 
+    from cbm_addon.hands.avoid import FingerOptions, avoiding
     from cbm_addon.hands.contact import Probe, every_row, finger_depths
     from cbm_addon.hands.hand import finger_angles
     from cbm_addon.hands.model import DEFAULT_HANDS, load_hand_model

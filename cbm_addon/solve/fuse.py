@@ -171,9 +171,9 @@ def _follow_hands(body: Skeleton, world: Array, hips: Array, targets: dict[str, 
         turn = np.zeros_like(hips)
         center = _positions(body, world, hips, chain[: chain.index(bending[-1]) + 1])
         for side in ("Left", "Right"):
-            socket, reach = _arm(body, world, hips, side)
             wrist = targets[side.lower()][0]
-            missing = wrist - clamp_reach(socket, wrist, reach)
+            _, socket, length = _followed(body, world, hips, side, wrist)
+            missing = wrist - clamp_reach(socket, wrist, length)
             arm = socket - center
             turn += np.cross(arm, missing) / np.maximum(np.sum(arm * arm, axis=-1, keepdims=True), 1e-6)
         if np.abs(turn).max(initial=0) < 1e-3:
@@ -191,27 +191,25 @@ def _follow_hands(body: Skeleton, world: Array, hips: Array, targets: dict[str, 
     return hips
 
 
-def _arm(body: Skeleton, world: Array, hips: Array, side: str) -> tuple[Array, float]:
-    """Where the arm begins, [T, 3], and how far it reaches with the help of the shoulder's turn."""
+def _followed(body: Skeleton, world: Array, hips: Array, side: str, wrist: Array) -> tuple[Array, Array, float]:
+    """The shoulder's rotations [T, 4] once it has followed a wrist that is out of reach as far as it may, where the arm begins then, [T, 3], and the
+    arm's length. On a body without shoulders the rotations are those of what carries the arm."""
     arm, forearm, hand = (body.index(f"{side}{name}") for name in ("Arm", "ForeArm", "Hand"))
-    reach = float(np.linalg.norm(body.offsets[forearm]) + np.linalg.norm(body.offsets[hand]))
-    if f"{side}Shoulder" in body:
-        reach += float(np.linalg.norm(body.offsets[arm]) * np.sin(SHOULDER_LIMIT) / 2)
-    return _positions(body, world, hips, body.chain("Hips", f"{side}Arm")), reach
+    length = float(np.linalg.norm(body.offsets[forearm]) + np.linalg.norm(body.offsets[hand]))
+    chain = body.chain("Hips", f"{side}Arm")
+    shoulder, socket = chain[-2], _positions(body, world, hips, chain)
+    if f"{side}Shoulder" not in body:
+        return world[:, shoulder], socket, length
+    root = _positions(body, world, hips, chain[:-1])
+    turned = turned_toward(world[:, shoulder], body.offsets[arm], clamp_reach(wrist, socket, length) - root, SHOULDER_LIMIT)
+    return turned, root + rotate(turned, body.offsets[arm]), length
 
 
 def _meet_hand(body: Skeleton, world: Array, hips: Array, side: str, wrist: Array, rotation: Array) -> None:
     """Bends an arm in `world` so that the wrist is at `wrist`, the shoulder following where the arm is too short."""
-    chain = body.chain("Hips", f"{side}Hand")
     arm, forearm, hand = (body.index(f"{side}{name}") for name in ("Arm", "ForeArm", "Hand"))
-    upper, lower = (float(np.linalg.norm(body.offsets[joint])) for joint in (forearm, hand))
-    if f"{side}Shoulder" in body:
-        shoulder = body.index(f"{side}Shoulder")
-        root = _positions(body, world, hips, chain[: chain.index(shoulder) + 1])
-        socket = root + rotate(world[:, shoulder], body.offsets[arm])
-        nearest = clamp_reach(wrist, socket, upper + lower)
-        world[:, shoulder] = turned_toward(world[:, shoulder], body.offsets[arm], nearest - root, SHOULDER_LIMIT)
-    socket = _positions(body, world, hips, chain[: chain.index(arm) + 1])
+    turned, socket, _ = _followed(body, world, hips, side, wrist)
+    world[:, body.parents[arm]] = turned
     _bend_limb(body, world, (arm, forearm, hand), socket, wrist, -FORWARD)
     world[:, hand] = rotation
 

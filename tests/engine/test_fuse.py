@@ -10,11 +10,12 @@ import pytest
 from cbm_addon.features import LOWER_JOINTS, RATE, UPPER_JOINTS
 from cbm_addon.motion.contacts import CONTACT_JOINTS, contact_labels
 from cbm_addon.motion.motion import Motion
-from cbm_addon.motion.resample import lerp_samples
+from cbm_addon.motion.resample import frame_times, lerp_samples, resample
 from cbm_addon.motion.rotations import multiply, quat_from_rotvec, rotate
 from cbm_addon.motion.skeleton import BODY_JOINTS, Skeleton
 from cbm_addon.solve.fuse import fuse
 from cbm_addon.solve.performance import Performance
+from cbm_addon.takes.sample_motion import sample_motion
 from cbm_addon.takes.synthesize import synthesize
 
 ENDS = {"Head": 0, "LeftHand": 1, "RightHand": 2}
@@ -87,6 +88,17 @@ def test_the_head_is_always_met_even_when_hips_and_hands_are_predicted_badly(bod
     solved = fuse(wrong, take, body_motion.times, body_motion.skeleton)
     head = solved.positions()[:, solved.skeleton.index("Head")]
     np.testing.assert_allclose(head, take.positions[:, 0], atol=1e-4)
+
+
+def test_wrists_beyond_short_arms_are_met_by_shoulders_and_chest() -> None:
+    """The sample reaches to its sides with arms straight, where a shoulder that points the same way cannot help."""
+    motion = resample(sample_motion(), frame_times(0, 36, RATE / 2))
+    body = stretched(stretched(motion.skeleton, "ForeArm", 0.9), "Hand", 0.9)
+    take = synthesize(motion)
+    solved = fuse(true_performance(motion), take, motion.times, body).positions()
+    for name, device in ENDS.items():
+        missed = np.linalg.norm(solved[:, body.index(name)] - take.positions[:, device], axis=-1)
+        assert np.percentile(missed, 98) < 0.004, name
 
 
 def test_knees_bend_forward(body_motion: Motion) -> None:

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import bpy
 import numpy as np
 import pytest
-from cbm_addon.hands.avoid import FingerOptions
 
 from cbm_addon.errors import InputError
+from cbm_addon.hands.avoid import FingerOptions
 from cbm_addon.hands.hand import RADII
 from cbm_addon.hands.shapes import Sphere
 from cbm_addon.motion.resample import frame_times
