@@ -119,13 +119,13 @@ def bake(
     times = frame_times(calibrated.take.times[0], calibrated.take.times[-1], scene_rate(scene))
     frames = scene_frames(scene, times, scene.frame_start)
     trackers = sampled(calibrated.take, times).positions * scale
-    kept = None
+    kept, read = None, 0.2 if options.part == "lower" else 0.0
     if options.part == "lower":
-        kept = yield from part(reading_upper_body(context, armature, rig, solved, frames), 0, 0.2)
+        kept = yield from part(reading_upper_body(context, armature, rig, solved, frames), 0, read)
     if kept and not _together(kept.positions, trackers, solved):
         kept = None
     trackers = kept.positions if kept else trackers
-    motion = yield from part(solve_on_rig(solved, calibrated, model, options.solve, scene_rate(scene), kept), 0.2 if kept else 0, 0.95)
+    motion = yield from part(solve_on_rig(solved, calibrated, model, options.solve, scene_rate(scene), kept), read, 0.95)
     yield Progress(0.95, "writing keys")
     name = f"{calibrated.take.name}_variation{options.solve.variation}"
     channels = list(rig_channels(armature, rig, solved, motion, "full" if kept else options.part, options.root, options.limbs))
