@@ -56,38 +56,41 @@ def main() -> None:
 
 def show(sources: list[Source], seconds: float, everything: bool) -> int:
     """Prints a row a pair; how many were not exact."""
+    from cbm_addon.scene.silence import silence
+
+    performed = list(performances(sources, seconds))
+    print(f"\n{'take':<26}{'read as':<28}{'rig':<36}{'head':>18}{'wrists':>19}{'slide':>13}{'exact':>10}")
+    failures = 0
+    for (name, calibrated, performance, engine), (case, limbs) in pairs(performed, list(rig_cases()), everything):
+        with silence():
+            new_file()
+            made = baked(case.add(), calibrated, performance, engine, limbs)
+        failures += made.exact > (FK if limbs == "fk" else IK)
+        report = calibrated.take.report
+        rig = case.name + (", IK" if limbs == "ik" else "")
+        print(f"{name:<26}{report.format if report else '-':<28}{rig:<36}{row(made)}", flush=True)
+    return failures
+
+
+def performances(sources: list[Source], seconds: float) -> Iterator[tuple]:
+    """Name, calibrated take, performance and the motion of the engine's own body, of every take that is read; what is refused is printed."""
     from cbm_addon.errors import InputError
     from cbm_addon.progress import run
     from cbm_addon.scene.silence import silence
     from cbm_addon.solve.models import load_model
     from cbm_addon.solve.perform import SolveOptions, perform
 
-    rigs, model = list(rig_cases()), load_model()
-    print(f"{'take':<26}{'read as':<26}{'rig':<36}{'head':>18}{'wrists':>19}{'slide':>13}{'exact':>13}")
-    failures, performed = 0, {}
-    for source, (case, limbs) in pairs(sources, rigs, everything):
-        with silence():
-            if source.name not in performed:
+    model = load_model()
+    for source in sources:
+        try:
+            with silence():
                 new_file()
-                try:
-                    calibrated = piece(source.read(), seconds)
-                except InputError as refusal:
-                    performed[source.name] = str(refusal)
-                else:
-                    performance = run(perform(calibrated.take, calibrated.calibration.head_height, model, SolveOptions()))
-                    performed[source.name] = calibrated, performance, motion_of_the_engine(calibrated, performance)
-        if isinstance(performed[source.name], str):
-            print(f"{source.name:<26}refused: {performed[source.name]}", flush=True)
+                calibrated = piece(source.read(), seconds)
+                performance = run(perform(calibrated.take, calibrated.calibration.head_height, model, SolveOptions()))
+        except InputError as refusal:
+            print(f"refused: {refusal}", flush=True)
             continue
-        calibrated = performed[source.name][0]
-        with silence():
-            new_file()
-            made = baked(case.add(), *performed[source.name], limbs=limbs)
-        failures += made.exact > (FK if limbs == "fk" else IK)
-        report = calibrated.take.report
-        rig = case.name + (", IK" if limbs == "ik" else "")
-        print(f"{source.name:<26}{report.format if report else '-':<26}{rig:<36}{row(made)}", flush=True)
-    return failures
+        yield source.name, calibrated, performance, motion_of_the_engine(calibrated, performance)
 
 
 def row(made: Baked) -> str:
@@ -103,12 +106,12 @@ def rig_cases() -> Iterator[tuple[Case, str]]:
             yield case, "ik"
 
 
-def pairs(sources: list[Source], rigs: list, everything: bool) -> Iterator[tuple[Source, tuple[Case, str]]]:
+def pairs(takes: list[tuple], rigs: list[tuple[Case, str]], everything: bool) -> Iterator[tuple[tuple, tuple[Case, str]]]:
     if everything:
-        yield from product(sources, rigs)
+        yield from product(takes, rigs)
         return
-    for i in range(max(len(sources), len(rigs))):
-        yield sources[i % len(sources)], rigs[i % len(rigs)]
+    for i in range(max(len(takes), len(rigs))):
+        yield takes[i % len(takes)], rigs[i % len(rigs)]
 
 
 def piece(take, seconds: float):
@@ -187,7 +190,9 @@ def with_blender(path: Path | None):
     if path is None:
         return objects_take(scene, Path("scene"), TakeOverrides())
     if path.suffix == ".fbx":
-        bpy.ops.export_scene.fbx(filepath=str(path), object_types={"EMPTY"}, bake_anim_simplify_factor=0, bake_anim_use_all_actions=False)
+        bpy.ops.export_scene.fbx(
+            filepath=str(path), object_types={"EMPTY"}, bake_anim_simplify_factor=0, bake_anim_use_nla_strips=False, bake_anim_use_all_actions=False
+        )
     else:
         bpy.ops.wm.save_as_mainfile(filepath=str(path))
     new_file()

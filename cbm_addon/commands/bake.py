@@ -139,6 +139,8 @@ def _summary(made: dict[str, Any], part: str) -> str:
         share = min(error["share_within_1_cm"] for error in errors)
         where = "the trackers" if part == "full" else "where the animation has them"
         line += f"; head and wrists within 1 cm of {where} in {share:.1%} of measured frames or more (median {median:.2f} cm)"
+    elif part == "lower":
+        line += "; hips and legs carry the upper body along, which is not animated where the take is"
     if thinned := made["reduction"]:
         away = f"{thinned['largest_mm']:.1f} mm and {thinned['largest_deg']:.1f}°"
         line += f"; {thinned['keys_before']} keys thinned to {thinned['keys_after']}, joints at most {away} away"

@@ -48,15 +48,15 @@ from .rig import read_rig, require_editable
 
 MEASURED_FRAMES = 120  # on how many frames the evaluated rig is compared with the trackers
 CLOSE = 0.01  # metres
-APART = 0.5  # head heights that an upper body which is kept may be from the take's
+APART = 0.25  # head heights that the head of an animation may be from the take's if it is to stay where it is
 
 
 @dataclass(frozen=True)
 class BakeOptions:
     """How a take is put on a rig.
 
-    part   "full", or "lower": hips and legs follow the take. Where the rig is animated, head and wrists stay where that animation has them,
-           and what is between them and the hips is keyed to allow it; where it is not, hips and legs alone are keyed
+    part   "full", or "lower": hips and legs follow the take. Under an animation that is where the take is, head and wrists stay where they are,
+           and what is between them and the hips is keyed to allow it; else hips and legs alone are keyed, and carry what is above them along
     root   what carries the way over the ground: the hips, a bone above them, the armature's object, or nothing ("in-place")
     table  the user's map of the rig's bones; None recognises them
     limbs  which kinematics of the limbs are keyed, of a rig that has both: "fk", "ik", or "both", which agree
@@ -92,7 +92,7 @@ class BakeReport:
     scale              of the take, about the world origin, to the rig's size
     seconds            that the bake took (of several variations, its share), of which `frames_per_second` follows
     measured_frames    frames on which the evaluated rig was compared with the scaled trackers
-    tracker_errors     by device; empty in place, and of a lower body under no animation
+    tracker_errors     by device; empty in place, and of a lower body that carries the upper one along
     reduction          what was thinned, if that was asked for
     """
 
@@ -140,10 +140,10 @@ def bake_variations(
     kept = None
     if options.part == "lower":
         kept = yield from part(reading_upper_body(context, armature, rig, solved, frames), 0, 0.2)
-    if kept:
-        _require_together(armature, kept.positions, trackers, solved)
-        trackers = kept.positions
-    begin, made = 0.2 if kept else 0.0, []
+    if kept and not _together(kept.positions, trackers, solved):
+        kept = None
+    trackers = kept.positions if kept else trackers
+    begin, made = 0.2 if options.part == "lower" else 0.0, []
     for i in range(count):
         solve = replace(options.solve, variation=options.solve.variation + i)
         job = _animated(scene, armature, rig, solved, calibrated, model, replace(options, solve=solve), kept)
@@ -212,11 +212,10 @@ def solve_on_rig(
     return replace(motion, skeleton=solved.body, root=motion.root * np.float32(scale))
 
 
-def _require_together(armature: bpy.types.Object, kept: Array, trackers: Array, solved: RigBody) -> None:
-    """InputError if an upper body [T, 3, 3] is elsewhere than the trackers whose legs it is to get."""
-    apart = float(np.median(np.linalg.norm(kept[:, 0, :2] - trackers[:, 0, :2], axis=-1)))
-    if apart > APART * solved.body.height_above_toes("Head"):
-        raise InputError(armature.name, f"its animation has the head {apart:.1f} m from where the take has it; bring the two together, or bake the full body")
+def _together(kept: Array, trackers: Array, solved: RigBody) -> bool:
+    """Whether the head of an animation, [T, 3, 3] of head and wrists, keeps near that of the take: legs could not follow both otherwise."""
+    apart = np.linalg.norm(kept[:, 0] - trackers[:, 0], axis=-1)
+    return float(np.percentile(apart, 95)) < APART * solved.body.height_above_toes("Head")
 
 
 def require_carrier(armature: bpy.types.Object, rig: Rig, root: Root) -> None:

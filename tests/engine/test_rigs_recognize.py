@@ -93,8 +93,18 @@ def test_constraints_on_mapped_bones_are_a_doubt():
 
 
 def test_twist_bones_are_keyed_with_growing_shares_of_the_roll():
+    """Forearm and shin: the more of the hand's and the foot's the nearer to it. Upper arm and thigh: their own, taken back from the other end on."""
     shares = {control.bone: control.roll for control in recognize(named("Unreal 5")).mapping.controls if control.roll}
-    assert shares == {f"lowerarm_twist_0{i}_{side}": pytest.approx(share) for side in "lr" for i, share in ((2, 1 / 3), (1, 2 / 3))}
+    first, second = 1 / 3, 2 / 3
+    by_place = {"lowerarm_twist_02": first, "lowerarm_twist_01": second, "calf_twist_02": first, "calf_twist_01": second}
+    by_place |= {f"{limb}_twist_0{i}": share - 1 for limb in ("upperarm", "thigh") for i, share in ((1, first), (2, second))}
+    assert shares == {f"{bone}_{side}": pytest.approx(share) for side in "lr" for bone, share in by_place.items()}
+
+
+@pytest.mark.parametrize("name", ["MakeHuman default", "Daz Genesis 8", "Auto-Rig Pro export"])
+def test_twist_bones_that_carry_the_limb_on_do_not_take_its_roll(name):
+    controls = recognize(named(name)).mapping.controls
+    assert not [control for control in controls if control.roll and control.joint.endswith(("UpLeg", "LeftArm", "RightArm"))]
 
 
 @pytest.mark.parametrize(("name", "root"), [("Unreal 5", "root"), ("Mixamo", None), ("Auto-Rig Pro controls", "c_traj"), ("3ds Max Biped", "Bip001")])

@@ -8,7 +8,6 @@ import bpy
 import numpy as np
 import pytest
 
-from cbm_addon.errors import InputError
 from cbm_addon.motion.contacts import contact_labels
 from cbm_addon.motion.rotations import multiply, quat_from_rotvec
 from cbm_addon.motion.skeleton import BODY_JOINTS
@@ -229,18 +228,19 @@ def test_the_lower_part_of_a_rig_without_an_animation_keys_hips_and_legs_alone(h
     assert report.tracker_errors == {}
 
 
-def test_a_lower_part_under_an_animation_that_is_elsewhere_is_refused(metarig, model, calibrated):
-    action = an_animators_action(metarig, calibrated)
-    for curve in action_curves(metarig):
-        if curve.data_path == 'pose.bones["spine"].location' and curve.array_index == 0:
+def test_an_animation_that_is_elsewhere_than_the_take_is_carried_along_as_it_is(human, model, calibrated):
+    an_animators_action(human, calibrated)
+    for curve in action_curves(human):
+        if curve.data_path == 'pose.bones["torso"].location' and curve.array_index == 0:
             for point in curve.keyframe_points:
                 point.co[1] += 4
             curve.update()
-    with pytest.raises(InputError, match=r"metarig: its animation has the head 4\.\d m from where the take has it") as error:
-        bake_on(metarig, calibrated, model, part="lower")
-    assert "\n" not in str(error.value)
-    assert metarig.animation_data.action == action
-    assert list(bpy.data.actions) == [action]
+    before = [pose_at(human, frame, UPPER) for frame in FRAMES_OF_A_WALK]
+    report = bake_on(human, calibrated, model, part="lower")
+    for frame, expected in zip(FRAMES_OF_A_WALK, before, strict=True):
+        np.testing.assert_allclose(pose_at(human, frame, UPPER), expected, atol=1e-6)
+    assert not keyed_bones(human) & set(UPPER)
+    assert report.tracker_errors == {}
 
 
 def test_a_second_lower_part_takes_the_place_of_the_first(metarig, model, calibrated):

@@ -143,6 +143,7 @@ def a_body_without_legs() -> None:
         (["--preset", "rigify-metarig", "--reduce", "5"], "'5' is not two numbers with commas between them"),
         (["--preset", "rigify-metarig", "--reduce", "0,1"], "--reduce: allows 0 mm"),
         (["--preset", "rigify-metarig", "--model", "."], "card.json"),
+        (["--preset", "rigify-metarig", "--limbs", "ik"], "key its limbs with fk"),
         (["--preset", "nonsense"], "nonsense"),
         ([], "--rig"),
     ],

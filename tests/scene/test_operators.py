@@ -161,6 +161,13 @@ def test_baking_without_a_take_or_onto_no_body_says_so(extension: ModuleType, sh
     assert not bpy.data.actions
 
 
+def test_limbs_that_a_rig_has_not_are_refused_by_the_panels_choice(extension: ModuleType, metarig: bpy.types.Object, short_take: Path) -> None:
+    bpy.context.scene.cbm.limbs = "both"
+    with pytest.raises(RuntimeError, match="key its limbs with fk"):
+        bpy.ops.cbm.bake_take(take=str(short_take), rig=metarig.name)
+    assert not bpy.data.actions
+
+
 def test_cancelling_a_bake_changes_nothing(metarig: bpy.types.Object, short_take: Path) -> None:
     from bl_ext.user_default.cbm.cbm_addon.scene.bake import BakeOptions, bake
     from bl_ext.user_default.cbm.cbm_addon.solve.models import load_model

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from cbm_addon.errors import InputError
+from cbm_addon.motion.bvh import write_bvh
 from cbm_addon.motion.motion import Motion
+from cbm_addon.motion.resample import resample
 from cbm_addon.motion.rotations import difference, quat_from_matrix, quat_from_rotvec
 from cbm_addon.progress import run
 from cbm_addon.rigs.body import rig_body
@@ -17,12 +19,13 @@ from cbm_addon.rigs.limbs import hinged
 from cbm_addon.rigs.rig import Rig
 from cbm_addon.scene.action import action_curves, write_action
 from cbm_addon.scene.bake import BakeOptions, bake, rig_channels, solve_on_rig
+from cbm_addon.scene.importers import import_mocap
 from cbm_addon.scene.rig import read_rig
 from cbm_addon.solve.ik import REACH
 from cbm_addon.solve.models import load_model
 from cbm_addon.solve.perform import SolveOptions, sampled
 from cbm_addon.takes.calibrate import Calibrated, calibrate
-from cbm_addon.takes.sample_motion import sample_take
+from cbm_addon.takes.sample_motion import sample_motion, sample_take
 from tests.evaluated import evaluated
 
 MILLIMETRE, HALF_A_DEGREE = 1e-3, 0.5
@@ -125,6 +128,16 @@ def test_real_takes_agree(human, model, data_folder, recording, start):
     motion = run(solve_on_rig(rig_body(rig), real, model, SolveOptions(), 24))
     key(human, rig, motion, "both")
     assert_kinematics_agree(human, len(motion))
+
+
+def test_imported_motion_capture_agrees(human, tmp_path):
+    whole = sample_motion()
+    motion = resample(whole, 3 + np.arange(20) / 30)
+    write_bvh(tmp_path / "walk.bvh", motion)
+    bpy.context.scene.render.fps = 30
+    (made,) = import_mocap(bpy.context, [tmp_path / "walk.bvh"], human, 1, limbs="both")
+    assert made.action.frame_range[1] == 20
+    assert_kinematics_agree(human, 20)
 
 
 def test_hinges_only_roll_the_bones_of_limbs(human):
