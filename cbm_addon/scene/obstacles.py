@@ -7,7 +7,7 @@ bends is rebuilt from its triangles near the hands. Everything is kept in units 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import bpy
@@ -127,10 +127,10 @@ class _Pose:
 
 @dataclass(frozen=True, eq=False)
 class _Bent:
-    """Something that has another shape than it had first: its vertices [V, 3], and which of its triangles are near a hand."""
+    """Something that has another shape than it had first: what of it is near a hand, vertices [V, 3] and the topology of its triangles."""
 
     vertices: Array
-    near: Array
+    topology: Topology
 
 
 @dataclass(eq=False)
@@ -166,7 +166,9 @@ class _Thing:
         corners = vertices[self.topology.triangles]
         low, high = corners.min(axis=1), corners.max(axis=1)
         distances = [np.linalg.norm(wrist - np.clip(wrist, low, high), axis=-1) for wrist in wrists]
-        return _Bent(vertices.astype(np.float32), np.flatnonzero(np.min(distances, axis=0) < reach))
+        near = self.topology.only(np.min(distances, axis=0) < reach)
+        used, triangles = np.unique(near.triangles, return_inverse=True)
+        return _Bent(vertices[used], replace(near, triangles=triangles.reshape(-1, 3)))
 
     def _pose(self, motion: Array) -> _Pose:
         """The last pose, as long as the thing stands still."""
@@ -178,7 +180,7 @@ class _Thing:
 
     def obstacle(self, state: _Pose | _Bent) -> Obstacle:
         if isinstance(state, _Bent):
-            return _rebuilt(self, state)
+            return _rebuilt(state)
         if self._rigid is None:
             self._rigid = _cached(self.vertices, self.topology)
         moved = np.abs(state.position).max() > STILL or np.abs(state.rotation[1:]).max() > STILL
@@ -186,9 +188,8 @@ class _Thing:
 
 
 @lru_cache(maxsize=REBUILT)
-def _rebuilt(thing: _Thing, bent: _Bent) -> Obstacle:
-    topology = thing.topology.only(bent.near)
-    return Mesh(bent.vertices, topology, search_tree) if len(topology.triangles) else empty()
+def _rebuilt(bent: _Bent) -> Obstacle:
+    return Mesh(bent.vertices, bent.topology, search_tree) if len(bent.vertices) else empty()
 
 
 def cached_mesh(vertices: Array, triangles: Array, free: Array | None = None) -> Obstacle:
