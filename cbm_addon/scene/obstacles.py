@@ -213,18 +213,23 @@ def _shown(obj: bpy.types.Object) -> tuple[Array, Array] | None:
         mesh = obj.to_mesh()
     except RuntimeError:
         return None
+    if mesh is None:
+        return None
     try:
-        return triangles_of(mesh) if mesh is not None and len(mesh.loop_triangles) else None
+        read = triangles_of(mesh)
+        return read if len(read[1]) else None
     finally:
         obj.to_mesh_clear()
 
 
 def triangles_of(mesh: bpy.types.Mesh) -> tuple[Array, Array]:
-    """Vertices float64 [V, 3] and triangles int [F, 3] of a mesh."""
+    """Vertices float64 [V, 3] and triangles int [F, 3] of a mesh, without those of which a corner is nowhere."""
     vertices, triangles = np.empty(3 * len(mesh.vertices), np.float32), np.empty(3 * len(mesh.loop_triangles), np.int32)
     mesh.vertices.foreach_get("co", vertices)
     mesh.loop_triangles.foreach_get("vertices", triangles)
-    return vertices.reshape(-1, 3).astype(np.float64), triangles.reshape(-1, 3)
+    vertices, triangles = vertices.reshape(-1, 3).astype(np.float64), triangles.reshape(-1, 3)
+    somewhere = np.isfinite(vertices).all(axis=-1)
+    return np.where(somewhere[:, None], vertices, 0), triangles[somewhere[triangles].all(axis=-1)]
 
 
 def deforms(armature: bpy.types.Object, obj: bpy.types.Object) -> bool:
