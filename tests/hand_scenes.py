@@ -55,7 +55,7 @@ SCENES = {
     "mug": HandScene({"Arm": ((-80, 0, 0), (-80, 0, 1.5))}, ("relaxed", "fist"), lambda: [(made.mug(), (90, 0, 0), (0.115, 0.045, -0.066))]),
     "plate edge": HandScene({"Arm": ((0, 0, 0), (0, 1.2, 0))}, ("relaxed", "fist"), lambda: [(box(0.08, 0.1, 0.0025, 8), (0, 0, 0), (0.2, 0, -0.04))]),
     "table top": HandScene({"Arm": ((0, 0, 0), (0, 1.5, 0))}, ("flat", "relaxed"), lambda: [(box(0.25, 0.25, 0.02, 4), (0, 0, 0), (0.15, 0, -0.055))]),
-    "two hands": HandScene({"Arm": ((0, 0, -103), (0, 0, -107.5)), "Hand": ((-80, 0, 0), (-80, 0, 0))}, ("flat", "relaxed"), both=True),
+    "two hands": HandScene({"Arm": ((0, 0, -101), (0, 0, -105)), "Hand": ((-80, 0, 0), (-80, 0, 0))}, ("flat", "relaxed"), both=True),
     "thigh": HandScene({"Arm": ((0, 84, 0), (0, 92, 0)), "Hand": ((0, 0, 0), (0, 0, 0))}, ("flat", "relaxed")),
 }  # fmt: skip
 

@@ -8,8 +8,9 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
+from ..hands.model import DEFAULT_HANDS, read_card
 from ..hands.obstacle import over_time
-from ..hands.sensor import Grid, reachable_grid, sense
+from ..hands.sensor import Grid, sense
 from ..hands.shapes import Capsules
 from ..motion.rotations import Array, normalize, rotate
 from ..rigs.tables import Table
@@ -64,7 +65,7 @@ class Overlay:
     shown: ClassVar[Overlay | None] = None
 
     def __init__(self, armature: bpy.types.Object, collection: bpy.types.Collection | None, table: Table | None) -> None:
-        self._rigged, self._grid = rigged_hands(armature, None, table), reachable_grid()
+        self._rigged, self._grid = rigged_hands(armature, None, table), Grid.from_dict(read_card(DEFAULT_HANDS)["features"]["grid"])
         self._obstacles = obstacles_of(self._rigged, collection)
         self._batches: dict[str, Any] | None = None
         self._handle = bpy.types.SpaceView3D.draw_handler_add(self._draw, (), "WINDOW", "POST_VIEW")
