@@ -36,11 +36,11 @@ def find_collection(name: str) -> bpy.types.Collection:
     return bpy.data.collections[name]
 
 
-def search_tree(vertices: Array, triangles: Array) -> Closest:
+def search_tree(vertices: Array, triangles: np.ndarray) -> Closest:
     """Nearest places by Blender's own tree."""
     tree = BVHTree.FromPolygons(np.asarray(vertices).tolist(), np.asarray(triangles).tolist(), all_triangles=True)
 
-    def closest(points: Array) -> tuple[Array, Array]:
+    def closest(points: Array) -> tuple[Array, np.ndarray]:
         found = [tree.find_nearest(point) for point in np.asarray(points).tolist()]
         places = np.array([value for place, _, _, _ in found for value in place]).reshape(-1, 3)
         return places, np.fromiter((triangle for _, _, triangle, _ in found), np.int64, len(found))
@@ -140,7 +140,7 @@ class _Thing:
     name: str
     local: Array
     matrix: Array
-    triangles: Array
+    triangles: np.ndarray
     free: Array
     _rigid: Obstacle | None = None
     _topology: Topology | None = None
@@ -192,7 +192,7 @@ def _rebuilt(bent: _Bent) -> Obstacle:
     return Mesh(bent.vertices, bent.topology, search_tree) if len(bent.vertices) else empty()
 
 
-def cached_mesh(vertices: Array, triangles: Array, free: Array | None = None) -> Obstacle:
+def cached_mesh(vertices: Array, triangles: np.ndarray, free: Array | None = None) -> Obstacle:
     """A mesh that keeps its shape: vertices [V, 3], triangles int [F, 3], and points [N, 3] that are known to be in free space."""
     return _cached(vertices, Topology.of(vertices, triangles, free))
 
@@ -207,7 +207,7 @@ def _placed(local: Array, matrix: Array) -> Array:
     return local @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def _shown(obj: bpy.types.Object) -> tuple[Array, Array] | None:
+def _shown(obj: bpy.types.Object) -> tuple[Array, np.ndarray] | None:
     """The triangles of an evaluated object; None if it shows no surface."""
     try:
         mesh = obj.to_mesh()
@@ -222,13 +222,13 @@ def _shown(obj: bpy.types.Object) -> tuple[Array, Array] | None:
         obj.to_mesh_clear()
 
 
-def triangles_of(mesh: bpy.types.Mesh) -> tuple[Array, Array]:
+def triangles_of(mesh: bpy.types.Mesh) -> tuple[Array, np.ndarray]:
     """Vertices float64 [V, 3] and triangles int [F, 3] of a mesh, without those of which a corner is nowhere."""
     vertices, triangles = np.empty(3 * len(mesh.vertices), np.float32), np.empty(3 * len(mesh.loop_triangles), np.int32)
     mesh.vertices.foreach_get("co", vertices)
     mesh.loop_triangles.foreach_get("vertices", triangles)
     vertices, triangles = vertices.reshape(-1, 3).astype(np.float64), triangles.reshape(-1, 3)
-    somewhere = np.isfinite(vertices).all(axis=-1)
+    somewhere = np.asarray(np.isfinite(vertices).all(axis=-1))
     return np.where(somewhere[:, None], vertices, 0), triangles[somewhere[triangles].all(axis=-1)]
 
 
