@@ -50,7 +50,7 @@ def show(frames: int) -> None:
     from cbm_addon.hands.avoid import FingerOptions, avoiding
     from cbm_addon.hands.contact import Probe, every_row, finger_depths
     from cbm_addon.hands.hand import finger_angles
-    from cbm_addon.hands.model import DEFAULT_HANDS, load_hand_model
+    from cbm_addon.hands.model import load_hand_model
     from cbm_addon.hands.obstacle import over_time
     from cbm_addon.hands.poses import POSES
     from cbm_addon.hands.sweep import swept
@@ -72,7 +72,7 @@ def show(frames: int) -> None:
     hand, wrists = rigged.hands["Left"], seen.wrists["Left"]
     wanted = hand.angles_from_turns(seen.turns("Left").astype(np.float32))
     around = seen.around("Left", {"Left": wanted})
-    nearest, model = over_time(around), load_hand_model(threads=1) if DEFAULT_HANDS.is_dir() else None
+    nearest, model = over_time(around), load_hand_model(threads=1)
 
     def avoid():
         return run(avoiding(hand, wrists, wanted, around, 24, model, FingerOptions()))
@@ -85,7 +85,7 @@ def show(frames: int) -> None:
     _, first = timed(avoid)
     result, again = min((timed(avoid) for _ in range(3)), key=lambda run: run[1])
     stopped, swept_in = min((timed(sweep) for _ in range(3)), key=lambda run: run[1])
-    print(f"{len(made.mug(AROUND)[1])} triangles, {frames} frames, {'with' if model else 'without'} the network\n")
+    print(f"{len(made.mug(AROUND)[1])} triangles, {frames} frames\n")
     print(f"{'':<10}{'ms per hand-frame':>18}{'pierced before':>16}{'after':>8}{'deepest':>10}{'moved':>9}")
     for name, took, angles in (("avoiding", again, result.angles), ("sweep", swept_in, stopped)):
         depths = finger_depths(hand, wrists, nearest, angles).max(-1)

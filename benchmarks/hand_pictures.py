@@ -12,16 +12,17 @@ import numpy as np
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 FRAMES = 24
-SIZE = 280  # of a picture
+SIZE = 224  # of a picture
 DISTANCE = 0.42  # metres from the hand
 VIEWS = {  # from where the left hand is seen, in the world: it lies along X in a T-pose, its palm down
     "sphere": (0.35, -1.0, 0.2),
     "cube": (0.35, -1.0, 0.2),
-    "mug": (0.3, 0.5, 1.0),
+    "mug": (0.45, 0.15, 1.0),
     "plate edge": (0.2, -1.0, 0.35),
-    "two hands": (0.1, -0.35, 1.0),
+    "two hands": (0.0, -0.5, 1.0),
     "thigh": (1.0, -0.8, 0.15),
 }
+GRASPED = ("sphere", "mug")
 THING, SKIN = (0.25, 0.5, 0.55, 1), (0.80, 0.62, 0.52, 1)
 VOXEL = 0.003  # metres, of the skin of the hands
 
@@ -42,6 +43,7 @@ def before_and_after(name: str, folder: Path) -> np.ndarray:
     """Pixels [2 * SIZE, SIZE, 4] from the lowest row: after below before."""
     import bpy
 
+    from cbm_addon.hands.avoid import FingerOptions
     from cbm_addon.progress import run
     from cbm_addon.scene.fingers import PoseOptions, pose_fingers
     from cbm_addon.scene.preview import look, pixels_of, render
@@ -67,7 +69,7 @@ def before_and_after(name: str, folder: Path) -> np.ndarray:
     pictures = []
     for posed in (False, True):
         if posed:
-            run(pose_fingers(bpy.context, armature, PoseOptions()))
+            run(pose_fingers(bpy.context, armature, PoseOptions(solve=FingerOptions(grasp=name in GRASPED))))
         scene.frame_set(frame)
         scene.render.filepath = str(folder / f"{name}{posed}.png")
         render(scene, write_still=True)
@@ -133,8 +135,9 @@ def save(pixels: np.ndarray, path: Path) -> None:
     height, width, _ = pixels.shape
     image = bpy.data.images.new("Sheet", width, height)
     image.pixels.foreach_set(np.ascontiguousarray(pixels, np.float32).ravel())
-    image.filepath_raw, image.file_format = str(path), "PNG"
-    image.save()
+    settings = bpy.context.scene.render.image_settings
+    settings.file_format, settings.color_mode, settings.compression = "PNG", "RGB", 100
+    image.save_render(str(path))
 
 
 if __name__ == "__main__":

@@ -16,13 +16,14 @@ from cbm_addon.hands.hand import Hand
 from cbm_addon.hands.poses import POSES
 from cbm_addon.hands.sensor import HAND_LENGTH
 from cbm_addon.motion.motion import Motion
-from cbm_addon.motion.rotations import matrix_from_quat, multiply, quat_from_rotvec, slerp
+from cbm_addon.motion.rotations import IDENTITY, matrix_from_quat, multiply, quat_from_rotvec, slerp
 from cbm_addon.rigs.body import rig_body
 from cbm_addon.rigs.fingers import finger_bones, finger_poses, read_before
 from cbm_addon.rigs.rig import Rig
 from cbm_addon.scene.action import rotation_channel, scene_rate, write_action
 from cbm_addon.scene.bake import rig_channels
 from cbm_addon.scene.rig import read_rig
+from cbm_addon.scene.rigged_hands import rotations_of
 from tests import triangles as made
 
 Turn = tuple[float, float, float]
@@ -54,9 +55,14 @@ SCENES = {
     "mug": HandScene({"Arm": ((-80, 0, 0), (-80, 0, 1.5))}, ("relaxed", "fist"), lambda: [(made.mug(), (90, 0, 0), (0.115, 0.045, -0.066))]),
     "plate edge": HandScene({"Arm": ((0, 0, 0), (0, 1.2, 0))}, ("relaxed", "fist"), lambda: [(box(0.08, 0.1, 0.0025, 8), (0, 0, 0), (0.2, 0, -0.04))]),
     "table top": HandScene({"Arm": ((0, 0, 0), (0, 1.5, 0))}, ("flat", "relaxed"), lambda: [(box(0.25, 0.25, 0.02, 4), (0, 0, 0), (0.15, 0, -0.055))]),
-    "two hands": HandScene({"Arm": ((0, 0, -103), (0, 0, -107.5)), "Hand": ((-80, 0, 0), (-80, 0, 0))}, ("flat", "relaxed"), both=True),
+    "two hands": HandScene({"Arm": ((0, 0, -101), (0, 0, -105)), "Hand": ((-80, 0, 0), (-80, 0, 0))}, ("flat", "relaxed"), both=True),
     "thigh": HandScene({"Arm": ((0, 84, 0), (0, 92, 0)), "Hand": ((0, 0, 0), (0, 0, 0))}, ("flat", "relaxed")),
 }  # fmt: skip
+
+
+def turned_by(degrees: Turn) -> np.ndarray:
+    """A quaternion."""
+    return quat_from_rotvec(np.radians(np.array(degrees, float)))
 
 
 def to_and_fro(frames: int) -> np.ndarray:
@@ -73,7 +79,7 @@ def animate(armature: bpy.types.Object, shown: HandScene, frames: int) -> Rig:
     turns = np.zeros((frames, len(solved.body), 4), np.float32)
     turns[..., 0] = 1
     for joint, between in shown.arm.items():
-        first, second = (quat_from_rotvec(np.radians(np.array(turn, float))) for turn in between)
+        first, second = map(turned_by, between)
         turns[:, solved.body.index(f"Left{joint}")] = slerp(np.tile(first, (frames, 1)), np.tile(second, (frames, 1)), share)
         if shown.both:
             turns[:, solved.body.index(f"Right{joint}")] = turns[:, solved.body.index(f"Left{joint}")] * [1, 1, -1, -1]
@@ -89,7 +95,9 @@ def animate(armature: bpy.types.Object, shown: HandScene, frames: int) -> Rig:
         hand = Hand.from_rest(side.lower(), fingers.positions)
         start, end = (POSES[name] for name in shown.curl)
         bent = hand.turns((start + share[:, None] * (end - start)).astype(np.float32))
-        rotations = evaluated_rotations(armature, read_before(rig, fingers), numbers)
+        to_armature = np.linalg.inv(rig.object_matrix)
+        matrices = evaluated_matrices(armature, read_before(rig, fingers), numbers)
+        rotations = {bone: rotations_of(to_armature @ world) for bone, world in matrices.items()}
         keyed = finger_poses(rig, fingers, bent, rotations)
         channels += [rotation_channel(armature.pose.bones[pose.bone], pose.rotation) for pose in keyed]
     known = {channel.data_path: channel for channel in channels}
@@ -110,29 +118,16 @@ def evaluated_matrices(armature: bpy.types.Object, bones, numbers: np.ndarray) -
     return {bone: np.array(matrices) for bone, matrices in found.items()}
 
 
-def evaluated_rotations(armature: bpy.types.Object, bones, numbers: np.ndarray) -> dict[str, np.ndarray]:
-    from cbm_addon.motion.rotations import quat_from_matrix
-
-    frame = np.linalg.inv(np.array(armature.matrix_world))
-    local = {bone: frame @ matrices for bone, matrices in evaluated_matrices(armature, bones, numbers).items()}
-    return {bone: quat_from_matrix(m[:, :3, :3] / np.linalg.norm(m[:, :3, :3], axis=-2, keepdims=True)) for bone, m in local.items()}
-
-
 def add_things(armature: bpy.types.Object, rig: Rig, shown: HandScene) -> list[bpy.types.Object]:
     """The scene's things, where the left wrist is at its first frame."""
     scene = bpy.context.scene
     fingers = finger_bones(rig, "Left")
     scale = fingers.length / HAND_LENGTH
-    solved = rig_body(rig)
     wrist = evaluated_matrices(armature, [fingers.wrist], np.array([scene.frame_start]))[fingers.wrist][0]
-    turn = multiply(
-        quat_from_rotvec(np.radians(np.array(shown.arm.get("Arm", [(0, 0, 0)])[0], float))),
-        quat_from_rotvec(np.radians(np.array(shown.arm.get("Hand", [(0, 0, 0)])[0], float))),
-    )
-    del solved
+    turn = multiply(*(turned_by(shown.arm[joint][0]) if joint in shown.arm else IDENTITY for joint in ("Arm", "Hand")))
     things = []
     for (vertices, triangles), turned, place in shown.things():
-        local = vertices @ matrix_from_quat(quat_from_rotvec(np.radians(np.array(turned, float)))).T + np.array(place)
+        local = vertices @ matrix_from_quat(turned_by(turned)).T + np.array(place)
         mesh = bpy.data.meshes.new("Thing")
         mesh.from_pydata((scale * local @ matrix_from_quat(turn).T + wrist[:3, 3]).tolist(), [], triangles.tolist())
         things.append(bpy.data.objects.new("Thing", mesh))

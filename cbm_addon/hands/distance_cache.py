@@ -16,6 +16,7 @@ CELLS = 0.006, 0.002  # metres: edges of the cells of the grid and of the finer 
 SIDE = 4  # cells of a brick along each side
 DIFFERENT = 4e-4  # metres by which the two interpolations may differ
 NEAR = 0.02  # metres from the surface within which distances are accurate; further away they are within a brick's size
+TOGETHER = 4096  # points that are looked up at a time: what they need then stays in the processor's own memory
 REACH = 0.06  # metres around the obstacle's box that bricks cover; the distance to the box follows
 
 _CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(-1, 3)
@@ -40,6 +41,9 @@ class CachedDistances:
         self._nodes = np.empty((0, len(_NODES), 4), np.float32)  # distance and normal
 
     def nearest(self, points: Array) -> tuple[Array, Array]:
+        if len(points) > TOGETHER:
+            parts = [self.nearest(points[start : start + TOGETHER]) for start in range(0, len(points), TOGETHER)]
+            return np.concatenate([distances for distances, _ in parts]), np.concatenate([normals for _, normals in parts])
         beyond = points - np.clip(points, self._low, self._high)
         distances = np.linalg.norm(beyond, axis=-1)
         normals = beyond / np.maximum(distances, 1e-9)[:, None]
@@ -67,7 +71,7 @@ class CachedDistances:
                 distances[doubtful], normals[doubtful] = self._finer.nearest(points[doubtful])
         return distances, normals
 
-    def _bricks(self, bricks: Array) -> Array:
+    def _bricks(self, bricks: np.ndarray) -> np.ndarray:
         """Rows [N] of `_nodes` of bricks [N, 3], filled where they are new."""
         keys = ((bricks[:, 0] + _KEYS // 2) * _KEYS + bricks[:, 1] + _KEYS // 2) * _KEYS + bricks[:, 2] + _KEYS // 2
         places = np.searchsorted(self._keys, keys)
@@ -79,7 +83,7 @@ class CachedDistances:
             places = np.searchsorted(self._keys, keys)
         return self._rows[places]
 
-    def _fill(self, keys: Array, bricks: Array) -> None:
+    def _fill(self, keys: np.ndarray, bricks: np.ndarray) -> None:
         """Adds bricks. Of those that are far from the surface only the middle is asked, and the rest follows from the plane that it sees."""
         middles = self._low + (bricks + 0.5) * SIDE * self._cell
         distances, normals = self._obstacle.nearest(middles.astype(np.float32))

@@ -15,9 +15,9 @@ import numpy as np
 from ..motion.rotations import Array, normalize
 from .mesh_sides import BACK_FREE, BURIED, SHEET, free_sides, weld
 
-Closest = Callable[[Array], tuple[Array, Array]]
+Closest = Callable[[Array], tuple[Array, np.ndarray]]
 """Points [N, 3] -> the nearest places on some triangles [N, 3], and on which of them they are, int [N]."""
-Search = Callable[[Array, Array], Closest]
+Search = Callable[[Array, np.ndarray], Closest]
 """Makes such a search for vertices [V, 3] and triangles int [F, 3], of which there is at least one."""
 
 ON_SIDE = 1e-4  # barycentric coordinate below which a place is on a side of its triangle
@@ -33,18 +33,18 @@ class Topology:
     welded     int [F, 3]: the triangles with one index for all vertices at one place
     """
 
-    triangles: Array
-    sheet: Array
-    welded: Array
+    triangles: np.ndarray
+    sheet: np.ndarray
+    welded: np.ndarray
 
     @classmethod
-    def of(cls, vertices: Array, triangles: Array, free: Array | None = None) -> Topology:
+    def of(cls, vertices: Array, triangles: np.ndarray, free: Array | None = None) -> Topology:
         """For vertices [V, 3] and triangles int [F, 3]; `free` [N, 3] are places that are known to be outside."""
         sides = free_sides(vertices, triangles, free)
         wound = np.where((sides == BACK_FREE)[:, None], triangles[:, ::-1], triangles)[sides != BURIED]
         return cls(wound, sides[sides != BURIED] == SHEET, weld(vertices, wound))
 
-    def only(self, chosen: Array) -> Topology:
+    def only(self, chosen: np.ndarray) -> Topology:
         """Some of the triangles: bool or int [N]."""
         return replace(self, triangles=self.triangles[chosen], sheet=self.sheet[chosen], welded=self.welded[chosen])
 
@@ -68,7 +68,7 @@ class Mesh:
         normals = np.where((distances > TOUCHING)[:, None], away, normals)
         return (signs * distances).astype(np.float32), normals.astype(np.float32)
 
-    def _normals_at(self, places: Array, found: Array) -> Array:
+    def _normals_at(self, places: Array, found: np.ndarray) -> Array:
         """Pseudonormals [N, 3] at places on triangles."""
         weights = _barycentric(places, self._corners[found])
         on_sides = weights < ON_SIDE
@@ -80,7 +80,7 @@ class Mesh:
         return normals
 
 
-def _pseudonormals(corners: Array, welded: Array) -> tuple[Array, Array, Array]:
+def _pseudonormals(corners: Array, welded: np.ndarray) -> tuple[Array, Array, Array]:
     """Of triangles [F, 3, 3]: unit normals [F, 3], and those of their sides, each opposite to a corner, and of their corners [F, 3, 3]."""
     sides = np.roll(corners, -1, axis=1) - corners  # from each corner to the next
     normals = normalize(np.cross(sides[:, 0], sides[:, 1]))
@@ -93,7 +93,7 @@ def _pseudonormals(corners: Array, welded: Array) -> tuple[Array, Array, Array]:
     return normals, normalize(at_sides).reshape(-1, 3, 3), normalize(at_corners).reshape(-1, 3, 3)
 
 
-def _summed(groups: Array, vectors: Array) -> Array:
+def _summed(groups: np.ndarray, vectors: Array) -> Array:
     """For each of the vectors [N, 3] the sum over its group, int [N]."""
     return np.stack([np.bincount(groups, column) for column in vectors.T], axis=-1)[groups]
 

@@ -25,7 +25,7 @@ PAIRS = 1_000_000  # of triangles and lines of the grid at a time
 SPREAD = 64  # rounds in which triangles that no edge meets ask their neighbours
 
 
-def free_sides(vertices: Array, triangles: Array, free: Array | None = None) -> Array:
+def free_sides(vertices: Array, triangles: np.ndarray, free: Array | None = None) -> np.ndarray:
     """For each triangle BURIED, BACK_FREE, FRONT_FREE or SHEET, int8 [F].
 
     vertices   [V, 3]
@@ -58,9 +58,9 @@ class _Crossings(NamedTuple):
     slopes     [C]: twice the area of the triangle as seen along the axis, positive where its normal points along it
     """
 
-    lines: Array
+    lines: np.ndarray
     places: Array
-    triangles: Array
+    triangles: np.ndarray
     slopes: Array
 
 
@@ -72,7 +72,7 @@ def _crossings(corners: Array, axis: int) -> _Crossings:
     return _Crossings(lines[order], places[order], triangles[order], slopes[order])
 
 
-def _bounds(corners: Array, axis: int) -> tuple[Array, Array]:
+def _bounds(corners: Array, axis: int) -> tuple[np.ndarray, np.ndarray]:
     """First line and number of lines [F, 2] that the box around a triangle meets, along the two axes that follow."""
     flat = corners[:, :, [(axis + 1) % 3, (axis + 2) % 3]]
     first = np.ceil(flat.min(axis=1)).astype(int)
@@ -104,21 +104,21 @@ def _crossings_of(corners: Array, chunk: slice, axis: int) -> _Crossings:
     return _Crossings(lines, (weights * opposite).sum(axis=-1) / areas[of], of + (chunk.start or 0), areas[of])
 
 
-def _edges(crossing: _Crossings, axis: int) -> tuple[Array, Array, Array]:
+def _edges(crossing: _Crossings, axis: int) -> tuple[np.ndarray, ...]:
     """The nodes [C] x 3 before the crossings, as an index in the order of the array's axes."""
     nodes = [np.empty(0)] * 3
     nodes[axis], nodes[(axis + 1) % 3], nodes[(axis + 2) % 3] = np.floor(crossing.places).astype(int), *crossing.lines.T
-    return tuple(nodes)  # type: ignore[return-value]
+    return tuple(nodes)
 
 
-def _blocked(crossing: _Crossings, shape: Array, axis: int) -> Array:
+def _blocked(crossing: _Crossings, shape: np.ndarray, axis: int) -> np.ndarray:
     """Whether something crosses the edge from a node to the next along an axis."""
     blocked = np.zeros(shape, bool)
     blocked[_edges(crossing, axis)] = True
     return blocked
 
 
-def _flood(outside: Array, blocked: list[Array]) -> None:
+def _flood(outside: np.ndarray, blocked: list[np.ndarray]) -> None:
     """Spreads `outside` over the edges that nothing crosses."""
     count = -1
     while count != (count := np.count_nonzero(outside)):
@@ -130,7 +130,7 @@ def _flood(outside: Array, blocked: list[Array]) -> None:
                 flooded[i - 1] |= flooded[i] & open_[i - 1]
 
 
-def _votes(crossing: _Crossings, outside: Array, axis: int, count: int) -> Array:
+def _votes(crossing: _Crossings, outside: np.ndarray, axis: int, count: int) -> Array:
     """How much speaks for each answer of each triangle [F, 4]: its crossings by how straight they are.
 
     Along an edge everything between the first and the last surface is solid, and a single surface is between its two ends.
@@ -147,7 +147,7 @@ def _votes(crossing: _Crossings, outside: Array, axis: int, count: int) -> Array
     return np.bincount(crossing.triangles * 4 + answer, np.abs(crossing.slopes), count * 4).reshape(count, 4)
 
 
-def _ask_neighbours(votes: Array, vertices: Array, triangles: Array) -> Array:
+def _ask_neighbours(votes: Array, vertices: Array, triangles: np.ndarray) -> np.ndarray:
     """The answer with most votes; of a triangle without any, that of its neighbours as seen from their common winding; else SHEET."""
     first, second, same_winding = neighbours(weld(vertices, triangles))
     ways = np.concatenate((np.stack((first, second)), np.stack((second, first))), axis=1)
@@ -165,13 +165,13 @@ def _ask_neighbours(votes: Array, vertices: Array, triangles: Array) -> Array:
     return np.where(known, np.argmax(votes, axis=1), SHEET).astype(np.int8)
 
 
-def weld(vertices: Array, triangles: Array) -> Array:
+def weld(vertices: Array, triangles: np.ndarray) -> np.ndarray:
     """The triangles [F, 3] with one index for all vertices that are within a micrometre."""
     _, same = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
     return same.reshape(-1)[triangles]
 
 
-def neighbours(triangles: Array) -> tuple[Array, Array, Array]:
+def neighbours(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pairs of triangles that share a side, int [N] and [N], and whether they are wound the same way, bool [N]."""
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     owners = np.repeat(np.arange(len(triangles)), 3)

@@ -95,9 +95,9 @@ def _lines(collider: Collider) -> list[tuple[Array, Array]]:
 def _object(obj: bpy.types.Object, rig: Rig, unit: float) -> BodyPart | None:
     """A collider object where it is when its bone is at rest; None if no bone carries it, or if it has no surface."""
     obj.data.calc_loop_triangles()
-    if obj.parent_bone not in rig.bones or not len(obj.data.loop_triangles):
-        return None
     local, triangles = triangles_of(obj.data)
+    if obj.parent_bone not in rig.bones or not len(triangles):
+        return None
     matrix = _carrier(rig, obj.parent_bone) @ np.array(obj.matrix_parent_inverse) @ np.array(obj.matrix_basis)
     vertices = (local @ matrix[:3, :3].T + matrix[:3, 3]) / unit
     low, high = vertices.min(axis=0), vertices.max(axis=0)

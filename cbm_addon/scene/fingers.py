@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..hands.avoid import FingerOptions, FingerResult, avoiding
-from ..hands.model import DEFAULT_HANDS, load_hand_model
+from ..hands.model import load_hand_model
 from ..hands.poses import POSES, controller_pose
 from ..motion.rotations import Array, angle, quat_between, rotate
 from ..progress import Progress, part
@@ -120,7 +120,7 @@ def pose_fingers(context: bpy.types.Context, armature: bpy.types.Object, options
             seen.look(depsgraph)
     wanted = {side: _wanted(scene, rigged, seen, side, frames, options.take) for side in rigged.hands}
     angles = {side: wished for side, (_, wished) in wanted.items()}
-    model = load_hand_model() if DEFAULT_HANDS.is_dir() else None
+    model = load_hand_model()
     results: dict[str, FingerResult] = {}
     share = 0.65 / len(rigged.sides)
     for i, side in enumerate(rigged.sides):

@@ -8,14 +8,14 @@ import numpy as np
 from .action import action_curves, curves_of
 
 
-def play_below(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None, frames: np.ndarray) -> None:
+def play_below(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None, frames: np.ndarray) -> bpy.types.NlaStrip:
     """Plays an action as an NLA strip below the active one, which replaces it where it has curves of its own.
 
     A strip, and not a copy of its curves, because the animator's action stays the one that is edited and ours stays free of their keys.
     """
     start = min(action.frame_range[0], frames[0])
     end = max(action.frame_range[1], frames[-1], start + 1)
-    add_strip(data, action, slot, start, end)
+    return add_strip(data, action, slot, start, end)
 
 
 def play_above(obj: bpy.types.Object, action: bpy.types.Action, slot: bpy.types.ActionSlot | None, frames: np.ndarray) -> bpy.types.NlaStrip:
@@ -27,9 +27,9 @@ def play_above(obj: bpy.types.Object, action: bpy.types.Action, slot: bpy.types.
     data = obj.animation_data
     ours = {curve.data_path for curve in curves_of(action, slot)}
     if data.action is not None and ours & {curve.data_path for curve in action_curves(obj)}:
-        below, slot_below = data.action, getattr(data, "action_slot", None)
+        below, slot_below, blending = data.action, getattr(data, "action_slot", None), data.action_blend_type
         data.action = None
-        play_below(data, below, slot_below, frames)
+        play_below(data, below, slot_below, frames).blend_type = blending
     strip = add_strip(data, action, slot, frames[0], max(frames[-1], frames[0] + 1))
     strip.extrapolation = "NOTHING"
     data.use_nla = True

@@ -7,7 +7,7 @@ bends is rebuilt from its triangles near the hands. Everything is kept in units 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import bpy
@@ -36,11 +36,11 @@ def find_collection(name: str) -> bpy.types.Collection:
     return bpy.data.collections[name]
 
 
-def search_tree(vertices: Array, triangles: Array) -> Closest:
+def search_tree(vertices: Array, triangles: np.ndarray) -> Closest:
     """Nearest places by Blender's own tree."""
     tree = BVHTree.FromPolygons(np.asarray(vertices).tolist(), np.asarray(triangles).tolist(), all_triangles=True)
 
-    def closest(points: Array) -> tuple[Array, Array]:
+    def closest(points: Array) -> tuple[Array, np.ndarray]:
         found = [tree.find_nearest(point) for point in np.asarray(points).tolist()]
         places = np.array([value for place, _, _, _ in found for value in place]).reshape(-1, 3)
         return places, np.fromiter((triangle for _, _, triangle, _ in found), np.int64, len(found))
@@ -127,10 +127,10 @@ class _Pose:
 
 @dataclass(frozen=True, eq=False)
 class _Bent:
-    """Something that has another shape than it had first: its vertices [V, 3], and which of its triangles are near a hand."""
+    """Something that has another shape than it had first: what of it is near a hand, vertices [V, 3] and the topology of its triangles."""
 
     vertices: Array
-    near: Array
+    topology: Topology
 
 
 @dataclass(eq=False)
@@ -140,7 +140,7 @@ class _Thing:
     name: str
     local: Array
     matrix: Array
-    triangles: Array
+    triangles: np.ndarray
     free: Array
     _rigid: Obstacle | None = None
     _topology: Topology | None = None
@@ -166,7 +166,9 @@ class _Thing:
         corners = vertices[self.topology.triangles]
         low, high = corners.min(axis=1), corners.max(axis=1)
         distances = [np.linalg.norm(wrist - np.clip(wrist, low, high), axis=-1) for wrist in wrists]
-        return _Bent(vertices.astype(np.float32), np.flatnonzero(np.min(distances, axis=0) < reach))
+        near = self.topology.only(np.min(distances, axis=0) < reach)
+        used, triangles = np.unique(near.triangles, return_inverse=True)
+        return _Bent(vertices[used], replace(near, triangles=triangles.reshape(-1, 3)))
 
     def _pose(self, motion: Array) -> _Pose:
         """The last pose, as long as the thing stands still."""
@@ -178,7 +180,7 @@ class _Thing:
 
     def obstacle(self, state: _Pose | _Bent) -> Obstacle:
         if isinstance(state, _Bent):
-            return _rebuilt(self, state)
+            return _rebuilt(state)
         if self._rigid is None:
             self._rigid = _cached(self.vertices, self.topology)
         moved = np.abs(state.position).max() > STILL or np.abs(state.rotation[1:]).max() > STILL
@@ -186,12 +188,11 @@ class _Thing:
 
 
 @lru_cache(maxsize=REBUILT)
-def _rebuilt(thing: _Thing, bent: _Bent) -> Obstacle:
-    topology = thing.topology.only(bent.near)
-    return Mesh(bent.vertices, topology, search_tree) if len(topology.triangles) else empty()
+def _rebuilt(bent: _Bent) -> Obstacle:
+    return Mesh(bent.vertices, bent.topology, search_tree) if len(bent.vertices) else empty()
 
 
-def cached_mesh(vertices: Array, triangles: Array, free: Array | None = None) -> Obstacle:
+def cached_mesh(vertices: Array, triangles: np.ndarray, free: Array | None = None) -> Obstacle:
     """A mesh that keeps its shape: vertices [V, 3], triangles int [F, 3], and points [N, 3] that are known to be in free space."""
     return _cached(vertices, Topology.of(vertices, triangles, free))
 
@@ -206,24 +207,29 @@ def _placed(local: Array, matrix: Array) -> Array:
     return local @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def _shown(obj: bpy.types.Object) -> tuple[Array, Array] | None:
+def _shown(obj: bpy.types.Object) -> tuple[Array, np.ndarray] | None:
     """The triangles of an evaluated object; None if it shows no surface."""
     try:
         mesh = obj.to_mesh()
     except RuntimeError:
         return None
+    if mesh is None:
+        return None
     try:
-        return triangles_of(mesh) if mesh is not None and len(mesh.loop_triangles) else None
+        read = triangles_of(mesh)
+        return read if len(read[1]) else None
     finally:
         obj.to_mesh_clear()
 
 
-def triangles_of(mesh: bpy.types.Mesh) -> tuple[Array, Array]:
-    """Vertices float64 [V, 3] and triangles int [F, 3] of a mesh."""
+def triangles_of(mesh: bpy.types.Mesh) -> tuple[Array, np.ndarray]:
+    """Vertices float64 [V, 3] and triangles int [F, 3] of a mesh, without those of which a corner is nowhere."""
     vertices, triangles = np.empty(3 * len(mesh.vertices), np.float32), np.empty(3 * len(mesh.loop_triangles), np.int32)
     mesh.vertices.foreach_get("co", vertices)
     mesh.loop_triangles.foreach_get("vertices", triangles)
-    return vertices.reshape(-1, 3).astype(np.float64), triangles.reshape(-1, 3)
+    vertices, triangles = vertices.reshape(-1, 3).astype(np.float64), triangles.reshape(-1, 3)
+    somewhere = np.asarray(np.isfinite(vertices).all(axis=-1))
+    return np.where(somewhere[:, None], vertices, 0), triangles[somewhere[triangles].all(axis=-1)]
 
 
 def deforms(armature: bpy.types.Object, obj: bpy.types.Object) -> bool:

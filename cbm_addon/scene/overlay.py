@@ -8,8 +8,9 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
+from ..hands.model import DEFAULT_HANDS, read_card
 from ..hands.obstacle import over_time
-from ..hands.sensor import Grid, reachable_grid, sense
+from ..hands.sensor import Grid, sense
 from ..hands.shapes import Capsules
 from ..motion.rotations import Array, normalize, rotate
 from ..rigs.tables import Table
@@ -17,8 +18,8 @@ from .obstacles import SceneObstacles
 from .rigged_hands import RiggedHands, Surroundings, obstacles_of, rigged_hands
 
 AROUND = 12  # corners of a capsule's rings
-COLOURS = {"hands": (0.35, 0.75, 1.0, 0.9), "body": (1.0, 0.75, 0.25, 0.6), "cells": (1.0, 0.3, 0.2, 0.7)}
-FULL = 0.3  # how full a cell is at least that is drawn
+COLOURS = {"hands": (0.35, 0.75, 1.0, 0.9), "body": (1.0, 0.75, 0.25, 0.6), "cells": (1.0, 0.3, 0.2, 0.45)}
+FULL = 0.3, 0.99  # how full the cells are that are drawn: those at the surface
 
 _CUBE = np.array([[0, 1], [1, 3], [3, 2], [2, 0], [4, 5], [5, 7], [7, 6], [6, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
 _CORNERS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing="ij"), axis=-1).reshape(-1, 3)
@@ -37,8 +38,8 @@ def overlay_lines(depsgraph: bpy.types.Depsgraph, rigged: RiggedHands, obstacles
         hand, wrists = rigged.hands[side], seen.wrists[side]
         starts, ends, radii = hand.capsules(angles[side], *wrists)
         hands.append(capsule_lines(starts[0], ends[0], radii))
-        filled = sense(grid, hand, wrists, over_time(seen.around(side, angles)), np.array([0]))[0] > FULL
-        corners = (grid.centres()[filled][:, None] + _CORNERS * grid.cell) * hand.length
+        filled = sense(grid, hand, wrists, over_time(seen.around(side, angles)), np.array([0]))[0]
+        corners = (grid.centres()[(filled > FULL[0]) & (filled < FULL[1])][:, None] + _CORNERS * grid.cell) * hand.length
         world = rotate(wrists[1][0], corners @ hand.palm.T) + wrists[0][0]
         cells.append(world[:, _CUBE].reshape(-1, 2, 3))
     body = [shape for part, motion in seen.body(0) if isinstance(shape := part.at(motion), Capsules)]
@@ -64,7 +65,7 @@ class Overlay:
     shown: ClassVar[Overlay | None] = None
 
     def __init__(self, armature: bpy.types.Object, collection: bpy.types.Collection | None, table: Table | None) -> None:
-        self._rigged, self._grid = rigged_hands(armature, None, table), reachable_grid()
+        self._rigged, self._grid = rigged_hands(armature, None, table), Grid.from_dict(read_card(DEFAULT_HANDS)["features"]["grid"])
         self._obstacles = obstacles_of(self._rigged, collection)
         self._batches: dict[str, Any] | None = None
         self._handle = bpy.types.SpaceView3D.draw_handler_add(self._draw, (), "WINDOW", "POST_VIEW")

@@ -42,7 +42,8 @@ def test_near_the_surface_distances_are_right_to_a_fraction_of_a_millimetre(shap
     errors = np.abs(distances - true)[near]
     assert errors.mean() < 5e-5
     assert errors.max() < 5.5e-4  # at the bottom of creases, and half-way inside of something thin
-    assert np.percentile(np.sum(normals * true_normals, axis=-1)[near], 2) > 0.98
+    outside = near & (true > 0)  # inside, where several places are as near, the normal may be that of any
+    assert np.percentile(np.sum(normals * true_normals, axis=-1)[outside], 2) > 0.98
 
 
 @pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)

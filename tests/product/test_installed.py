@@ -116,6 +116,7 @@ def test_bad_input_is_one_line_exit_code_2_and_nothing_written(blender, piece, t
         ["bake", "absent.csv", "--preset", "rigify", "-o", "out.blend"],
         ["bake", piece, "--preset", "rigify", "-o", "out.blend"],
         ["bake", piece, "--preset", "nonsense", "-o", "out.blend"],
+        ["fingers", "--blend", "absent.blend", "--rig", "Hero", "-o", "out.blend"],
         ["info", "cut.bvh"],
         ["solve", piece, "-o", "absent/out.bvh"],
     ):

@@ -46,20 +46,32 @@ class Measured:
     beyond: float
 
 
-def measured(scene: Scene, angles: Array, manifold: Manifold | None) -> Measured:
+@dataclass(frozen=True)
+class Before:
+    """What holds of a scene whatever the method: depth [T] of the wanted fingers, and where the palm is outside [T]."""
+
+    depths: Array
+    palm_outside: np.ndarray
+
+
+def before(scene: Scene) -> Before:
     nearest = over_time(scene.obstacles)
-    before = finger_depths(scene.hand, scene.wrists, nearest, scene.wanted).max(-1)
+    return Before(finger_depths(scene.hand, scene.wrists, nearest, scene.wanted).max(-1), palm_depths(scene.hand, scene.wrists, nearest) <= PALM_INSIDE)
+
+
+def measured(scene: Scene, start: Before, angles: Array, manifold: Manifold | None) -> Measured:
+    nearest = over_time(scene.obstacles)
     tips, wanted = scene.hand.positions(angles)[:, 15:], scene.hand.positions(scene.wanted)[:, 15:]
     limits = np.stack((np.minimum(LIMITS[:, 0], scene.hand.limits[:, 0]), np.maximum(LIMITS[:, 1], scene.hand.limits[:, 1])))
     return Measured(
         depths=finger_depths(scene.hand, scene.wrists, nearest, angles).max(-1),
-        palm_outside=palm_depths(scene.hand, scene.wrists, nearest) <= PALM_INSIDE,
+        palm_outside=start.palm_outside,
         moved=np.linalg.norm(tips - wanted, axis=-1),
-        was_free=before <= 0,
+        was_free=start.depths <= 0,
         steps=np.linalg.norm(np.diff(tips, axis=0), axis=-1),
         speeds=np.degrees(np.abs(np.diff(angles, axis=0)) * RATE),
         smooth=scene.smooth,
-        strangeness=manifold.distances(angles[before > PIERCED]) if manifold else np.zeros(0),
+        strangeness=manifold.distances(angles[start.depths > PIERCED]) if manifold else np.zeros(0),
         beyond=float(np.degrees(np.maximum(limits[0] - angles, angles - limits[1]).max())),
     )
 

@@ -11,7 +11,7 @@ from ...hands.shapes import Capsules
 from ...motion.rotations import Array, normalize, rotate
 from .scenes import Scene
 
-SIZE = 240  # pixels of one picture
+SIZE = 200  # pixels of one picture
 WIDTH = 0.24  # metres that it shows
 STEPS = 32
 SKIN, SOLID, WALL = (np.array(colour, float) for colour in ((224, 172, 140), (120, 144, 176), (250, 250, 250)))

@@ -17,6 +17,7 @@ _JOINTS = [
     ["THUMB_CMC_AA", "THUMB_MCP_FE", "THUMB_IP_FE"],
     *([f"{finger}_MCP", f"{finger}_PIP_FE", f"{finger}_DIP_FE"] for finger in ("INDEX", "MIDDLE", "RING", "PINKY")),
 ]
+SIDES: tuple[Side, ...] = ("left", "right")
 _TIP = 0.85  # length of a last phalanx as a share of the one before, where a file does not say
 
 
@@ -41,5 +42,6 @@ def recorded_angles(path: Path, rate: float) -> Array:
         tips = chain[:, :, 2] + rotate(world[:, np.array(joints)[:, 2]], bones) * _TIP
         in_wrist = rotate(inverse(world[:, :1, None]), np.concatenate((chain, tips[:, :, None]), 2))
         poses.append(np.concatenate((in_wrist[:, :, :3].reshape(len(in_wrist), -1, 3), in_wrist[:, :, 3]), 1))
-    sides: tuple[Side, ...] = ("left", "right")
-    return max((Hand.from_rest(side, poses[0][0]).angles_from_positions(poses[1]) for side in sides), key=lambda angles: angles[:, 4:].mean())
+    hands = [Hand.from_rest(side, poses[0][0]) for side in SIDES]
+    some = poses[1][:: max(1, len(poses[1]) // 10)]
+    return max(hands, key=lambda hand: hand.angles_from_positions(some)[:, 4:].mean()).angles_from_positions(poses[1])

@@ -13,7 +13,7 @@ from ...hands.contact import finger_depths
 from ...hands.model import HandModel
 from ...hands.obstacle import over_time
 from ...progress import Progress
-from .measures import Manifold, Measured, measured, summed
+from .measures import Manifold, Measured, before, measured, summed
 from .methods import methods
 from .recordings import recorded_angles
 from .scenes import RATE, Scene, scenes
@@ -43,16 +43,17 @@ def evaluate_hands(model: HandModel, rivals: list[HandModel], data: Path | None,
     manifold, real = _real_hands(data) if data else (None, {})
     limit = real.get("speed_p995")
     made, ways = scenes(), methods(model, rivals, seed)
-    rows: dict[str, list[Measured]] = {"before": [measured(scene, scene.wanted, manifold) for scene in made]}
+    starts = [before(scene) for scene in made]
+    rows: dict[str, list[Measured]] = {"before": [measured(scene, start, scene.wanted, manifold) for scene, start in zip(made, starts, strict=True)]}
     seconds, ours = dict.fromkeys(ways, 0.0), {}
     for number, (name, method) in enumerate(ways.items()):
         rows[name] = []
-        for scene in made:
+        for scene, start in zip(made, starts, strict=True):
             yield Progress((number * len(made) + len(rows[name])) / (len(ways) * len(made)), f"{name}: {scene.name}")
             started = time.process_time()
             angles = yield from method(scene)
             seconds[name] += time.process_time() - started
-            rows[name].append(measured(scene, angles, manifold))
+            rows[name].append(measured(scene, start, angles, manifold))
             if name == "ours":
                 ours[scene.name] = angles
     frames = sum(len(scene) for scene in made)
@@ -88,8 +89,8 @@ def markdown(found: dict[str, Any], about: str) -> str:
     columns = [name for name in COLUMNS if any(figures.get(name) is not None for figures in found["summary"].values())]
     lines = [about, "", _line(["method", *(COLUMNS[name] for name in columns)]), _line(["---"] + ["---:"] * len(columns))]
     lines += [_line([method, *(_figure(figures.get(name)) for name in columns)]) for method, figures in found["summary"].items()]
-    before = found["summary"]["before"]
-    lines += ["", f"{before['frames']} frames, in {before['palm_inside']} of them the palm itself is inside; these are not counted in the depths."]
+    wanted = found["summary"]["before"]
+    lines += ["", f"{wanted['frames']} frames, in {wanted['palm_inside']} of them the palm itself is inside; these are not counted in the depths."]
     broken = max(figures["beyond_limits_deg"] for name, figures in found["summary"].items() if name != "before")
     lines += [f"Joint limits are broken by {broken:.2f}° at most."]
     if real := found["real"]:
@@ -97,8 +98,8 @@ def markdown(found: dict[str, Any], about: str) -> str:
     lines += ["", _line(["scene", "before, %", "before, mean mm", "after, %", "after, max mm", "without exact step, %", "sweep, %", "gradient, %"])]
     lines.append(_line(["---"] + ["---:"] * 7))
     for scene, by_method in found["scenes"].items():
-        start, end = by_method["before"], by_method["ours"]
-        figures = [start["pierced_percent"], start["mean_depth_mm"], end["pierced_percent"], end["max_depth_mm"]]
+        wanted, end = by_method["before"], by_method["ours"]
+        figures = [wanted["pierced_percent"], wanted["mean_depth_mm"], end["pierced_percent"], end["max_depth_mm"]]
         figures += [by_method[name]["pierced_percent"] for name in ("networks alone", "sweep", "gradient")]
         lines.append(_line([scene, *map(_figure, figures)]))
     return "\n".join([*lines, ""])

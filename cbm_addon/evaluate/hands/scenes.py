@@ -142,7 +142,7 @@ def _table() -> Scene:
     tilted = normalize(up + np.stack((0.25 * np.sin(_wave(2) * 6), 0.2 * np.cos(_wave(3) * 6), 0 * _wave(1)), -1))
     wrists = facing(hand, places, tilted, np.array([0, 1.0, 0]), _wave(4, low=0, high=0.05))
     positions, rotations = kept_out(hand, wrists, up, lambda frame: table)
-    positions[200:212, 2] -= 0.02 * np.sin(np.linspace(0, np.pi, 12, dtype=np.float32))
+    positions[FRAMES - 88 : FRAMES - 76, 2] -= 0.02 * np.sin(np.linspace(0, np.pi, 12, dtype=np.float32))
     return Scene("table", hand, (positions, rotations), _blend("flat", "fist", _wave(5, high=0.8)), lambda frame: table, True)
 
 

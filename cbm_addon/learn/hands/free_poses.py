@@ -36,9 +36,12 @@ def read_free_poses(folder: Path) -> FreePoses:
     names: list[str] = []
     found: list[Array] = []
     for reader in (_handyjs, _webxr_matrices):
+        hands: dict[bytes, Hand] = {}
         for name, side, positions, rest in reader(Path(folder)):
+            if rest.tobytes() not in hands:
+                hands[rest.tobytes()] = Hand.from_rest(side, rest)
             names.append(name)
-            found.append(Hand.from_rest(side, rest).angles_from_positions(positions[None])[0])
+            found.append(hands[rest.tobytes()].angles_from_positions(positions[None])[0])
     if not names:
         raise InputError(folder, "holds no hand poses; handyjs_poses.json or iwer_poses.json is expected")
     return FreePoses(tuple(names), np.array(found, np.float32))
