@@ -137,17 +137,17 @@ def bake_variations(
     times = frame_times(calibrated.take.times[0], calibrated.take.times[-1], scene_rate(scene))
     frames = scene_frames(scene, times, scene.frame_start)
     trackers = sampled(calibrated.take, times).positions * scale
-    kept = None
+    kept, read = None, 0.2 if options.part == "lower" else 0.0
     if options.part == "lower":
-        kept = yield from part(reading_upper_body(context, armature, rig, solved, frames), 0, 0.2)
+        kept = yield from part(reading_upper_body(context, armature, rig, solved, frames), 0, read)
     if kept and not _together(kept.positions, trackers, solved):
         kept = None
     trackers = kept.positions if kept else trackers
-    begin, made = 0.2 if options.part == "lower" else 0.0, []
+    made = []
     for i in range(count):
         solve = replace(options.solve, variation=options.solve.variation + i)
         job = _animated(scene, armature, rig, solved, calibrated, model, replace(options, solve=solve), kept)
-        start, end = (begin + (0.95 - begin) * share / count for share in (i, i + 1))
+        start, end = (read + (0.95 - read) * share / count for share in (i, i + 1))
         made.append((solve.variation, *(yield from part(job, start, end))))
     yield Progress(0.95, "writing keys")
     reports = []

@@ -223,7 +223,7 @@ def _meet_ankle(body: Skeleton, world: Array, hips: Array, side: str, ankle: Arr
     socket = _positions(body, world, hips, body.chain("Hips", f"{side}UpLeg"))
     if f"{side}Toe" in body:
         foot, offset = joints[2], body.offsets[body.index(f"{side}Toe")]
-        leg = float(np.linalg.norm(body.offsets[[*joints[1:]]], axis=-1).sum()) * REACH
+        leg = float(np.linalg.norm(body.offsets[list(joints[1:])], axis=-1).sum()) * REACH
         toe = ankle + rotate(world[:, foot], offset)
         lifted = two_bone(socket, toe, leg, float(np.linalg.norm(offset)), ankle - socket)
         short = np.linalg.norm(ankle - socket, axis=-1) > leg
