@@ -184,6 +184,9 @@ def _video(stage: bpy.types.Scene, shot: Shot, path: Path) -> Generator[Progress
         if shot.actions:
             for beside in zip(*pictures, strict=True):
                 _save_picture(_grid([pixels_of(picture) for picture in beside], BESIDE_COLUMNS), beside[0])
+            columns = min(BESIDE_COLUMNS, len(actions))
+            stage.render.resolution_x *= columns
+            stage.render.resolution_y *= -(-len(actions) // columns)
         _encode(stage, pictures[0], rate, path)
 
 

@@ -16,7 +16,7 @@ from cbm_addon.rigs.body import rig_body
 from cbm_addon.rigs.transfer import transfer
 from cbm_addon.scene.action import scene_frames, write_action
 from cbm_addon.scene.bake import rig_channels
-from cbm_addon.scene.preview import MOMENTS, ROW_SIZE, VIDEO_FRAMES, VIDEO_RATE, Shot, check_preview, render_preview, video_frames
+from cbm_addon.scene.preview import BESIDE_SIZE, MOMENTS, ROW_SIZE, VIDEO_FRAMES, VIDEO_RATE, Shot, check_preview, render_preview, video_frames
 from cbm_addon.scene.proxy import add_proxy, meshes_of
 from cbm_addon.scene.rig import read_rig
 from cbm_addon.scene.rigify import rigify_human, rigify_metarig
@@ -86,6 +86,14 @@ def test_a_video_has_every_frame_of_a_short_take(shot, tmp_path):
     movie = strips.new_movie("walk", str(tmp_path / "walk.mp4"), 1, 1)
     assert movie.frame_duration == 13
     assert movie.fps == pytest.approx(scene.render.fps)
+
+
+def test_a_video_of_variations_has_them_side_by_side(shot, tmp_path):
+    walk = shot.armature.animation_data.action
+    run(render_preview(bpy.context.scene, replace(shot, actions=(walk, write_action(shot.armature, "still", np.array([1.0]), []))), tmp_path / "both.mp4"))
+    movie = bpy.data.movieclips.load(str(tmp_path / "both.mp4"))
+    assert tuple(movie.size) == (2 * BESIDE_SIZE[0], BESIDE_SIZE[1])
+    assert movie.frame_duration == 13
 
 
 @pytest.mark.parametrize("name", ["preview.png", "preview.mp4"])
