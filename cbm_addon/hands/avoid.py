@@ -138,16 +138,17 @@ def _chosen(probe: Probe, near: np.ndarray, aim: Array, rate: float, model: Hand
     costs[frames, fingers] = (_cost_of_depth(depths).reshape(count, -1) + change).T
     places = np.repeat(by_finger[:, :, None], count, 2)
     places[frames, fingers] = np.swapaxes(options_of_row, 0, 1)
-    return _shortest(probe, costs, places, by_finger, PERSISTENCE * (rate / SPEED) ** 2).reshape(aim.shape)
+    detours = DETOURS if options.exact else 1
+    return _shortest(probe, costs, places, by_finger, PERSISTENCE * (rate / SPEED) ** 2, detours).reshape(aim.shape)
 
 
-def _shortest(probe: Probe, costs: Array, places: Array, by_finger: Array, stiffness: float) -> Array:
+def _shortest(probe: Probe, costs: Array, places: Array, by_finger: Array, stiffness: float, detours: int) -> Array:
     """The angles [T, 5, 4] on the cheapest path through candidates [T, 5, C, 4]. Where it leaps between two of them, what is half-way is looked
     at, and if that is inside, the leap costs accordingly and another path is sought: one that waits until the way is clear."""
     steps = (places - by_finger[:, :, None]).astype(np.float32)
     transitions = ((steps[1:, :, None] - steps[:-1, :, :, None]) ** 2).sum(-1) * np.float32(stiffness)
     seen, path = np.zeros(transitions.shape, bool), by_finger
-    for _ in range(DETOURS):
+    for _ in range(detours):
         chosen = cheapest_path(costs, transitions)
         path = np.take_along_axis(places, chosen[..., None, None], 2)[:, :, 0]
         frames, fingers = np.nonzero(np.abs(np.diff(path, axis=0)).max(-1) > LEAP)
