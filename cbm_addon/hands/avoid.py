@@ -100,7 +100,7 @@ def avoiding(
         stuck = depths > ALLOWED
         _rescue(probe, frames[stuck], fingers[stuck], angles)
     else:
-        angles = aim + _smoothed(start - aim, rate)
+        angles = np.clip(aim + _smoothed(start - aim, rate), *hand.limits.T)
     angles = (aim + np.float32(options.strength) * (angles - aim)).astype(np.float32)
     yield Progress(0.95, "measuring")
     return FingerResult(angles, before, finger_depths(hand, wrists, nearest, angles).max(-1), palm_inside)
