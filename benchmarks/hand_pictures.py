@@ -12,7 +12,7 @@ import numpy as np
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 FRAMES = 24
-SIZE = 224  # of a picture
+SIZE = 190  # of a picture
 DISTANCE = 0.42  # metres from the hand
 VIEWS = {  # from where the left hand is seen, in the world: it lies along X in a T-pose, its palm down
     "sphere": (0.35, -1.0, 0.2),

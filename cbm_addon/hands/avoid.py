@@ -29,10 +29,10 @@ STOCK = ("flat", "spread", "relaxed", "fist")  # poses that are always candidate
 SETTLING = 6  # iterations of the exact step for each candidate, before one is chosen
 DETOURS = 30  # times that the path is sought again
 LEAP = 0.35  # radians between two frames
-THROUGH = 10  # how much dearer depth is on the way between two frames than in one
 FINISHING = 12  # iterations for the one that was chosen
 PERSISTENCE = 1.0  # how much dearer a step is in the choice than in the exact step
-ALLOWED = 0.0005  # metres of depth that do not count in the choice
+ALLOWED = 0.0004  # metres of depth that do not count in the choice
+DEAR = 0.0002  # metres of more depth that cost as much as EASE
 PALM_INSIDE = 0.001  # metres from which the palm is called inside
 
 
@@ -95,9 +95,12 @@ def avoiding(
         yield Progress(0.6, "moving the fingers out")
         angles = projected(probe, near, start, aim, rate)
         frames, fingers = np.nonzero(near)
-        finger_angles(angles)[frames, fingers], _ = pushed_out(probe, frames, fingers, finger_angles(angles)[frames, fingers], FINISHING)
+        rows, depths = pushed_out(probe, frames, fingers, finger_angles(angles)[frames, fingers], FINISHING)
+        finger_angles(angles)[frames, fingers] = rows
+        stuck = depths > ALLOWED
+        _rescue(probe, frames[stuck], fingers[stuck], angles)
     else:
-        angles = aim + _smoothed(start - aim, rate)
+        angles = np.clip(aim + _smoothed(start - aim, rate), *hand.limits.T)
     angles = (aim + np.float32(options.strength) * (angles - aim)).astype(np.float32)
     yield Progress(0.95, "measuring")
     return FingerResult(angles, before, finger_depths(hand, wrists, nearest, angles).max(-1), palm_inside)
@@ -135,16 +138,17 @@ def _chosen(probe: Probe, near: np.ndarray, aim: Array, rate: float, model: Hand
     costs[frames, fingers] = (_cost_of_depth(depths).reshape(count, -1) + change).T
     places = np.repeat(by_finger[:, :, None], count, 2)
     places[frames, fingers] = np.swapaxes(options_of_row, 0, 1)
-    return _shortest(probe, costs, places, by_finger, PERSISTENCE * (rate / SPEED) ** 2).reshape(aim.shape)
+    detours = DETOURS if options.exact else 1
+    return _shortest(probe, costs, places, by_finger, PERSISTENCE * (rate / SPEED) ** 2, detours).reshape(aim.shape)
 
 
-def _shortest(probe: Probe, costs: Array, places: Array, by_finger: Array, stiffness: float) -> Array:
+def _shortest(probe: Probe, costs: Array, places: Array, by_finger: Array, stiffness: float, detours: int) -> Array:
     """The angles [T, 5, 4] on the cheapest path through candidates [T, 5, C, 4]. Where it leaps between two of them, what is half-way is looked
     at, and if that is inside, the leap costs accordingly and another path is sought: one that waits until the way is clear."""
     steps = (places - by_finger[:, :, None]).astype(np.float32)
     transitions = ((steps[1:, :, None] - steps[:-1, :, :, None]) ** 2).sum(-1) * np.float32(stiffness)
     seen, path = np.zeros(transitions.shape, bool), by_finger
-    for _ in range(DETOURS):
+    for _ in range(detours):
         chosen = cheapest_path(costs, transitions)
         path = np.take_along_axis(places, chosen[..., None, None], 2)[:, :, 0]
         frames, fingers = np.nonzero(np.abs(np.diff(path, axis=0)).max(-1) > LEAP)
@@ -157,13 +161,26 @@ def _shortest(probe: Probe, costs: Array, places: Array, by_finger: Array, stiff
         between = np.concatenate([start + share * (end - start) for share in (0.1, 0.3, 0.5, 0.7, 0.9)] * 2).astype(np.float32)
         at = np.concatenate([np.tile(frames, 5), np.tile(frames + 1, 5)])
         depths = probe.depths(at, np.tile(fingers, 10), between).max(-1).reshape(10, -1).max(0)
-        transitions[leaps] += THROUGH * _cost_of_depth(depths)
+        transitions[leaps] += _cost_of_depth(depths)
         seen[leaps] = True
     return path
 
 
+def _rescue(probe: Probe, frames: np.ndarray, fingers: np.ndarray, angles: Array) -> None:
+    """Gives fingers that stay inside what frees them best and is nearest: the poses of the frames around, or a stock pose."""
+    if not len(frames):
+        return
+    by_finger = finger_angles(angles)
+    around = [by_finger[np.clip(frames + shift, 0, len(angles) - 1), fingers] for shift in (0, -1, 1, -2, 2, -4, 4)]
+    starts = [*around, *(finger_angles(POSES[name])[fingers] for name in STOCK)]
+    rows, depths = pushed_out(probe, np.tile(frames, len(starts)), np.tile(fingers, len(starts)), np.concatenate(starts), FINISHING)
+    rows = rows.reshape(len(starts), len(frames), -1)
+    costs = _cost_of_depth(depths).reshape(len(starts), -1) + ((rows - around[0]) ** 2).sum(-1) / EASE**2
+    by_finger[frames, fingers] = rows[costs.argmin(0), np.arange(len(frames))]
+
+
 def _cost_of_depth(depths: Array) -> Array:
-    return np.minimum((np.maximum(depths - ALLOWED, 0) / ALLOWED) ** 2, 1000)
+    return np.minimum((np.maximum(depths - ALLOWED, 0) / DEAR) ** 2, 1e4)
 
 
 def _smoothed(correction: Array, rate: float) -> Array:

@@ -37,8 +37,8 @@ class CachedDistances:
         self._finer = CachedDistances(obstacle, low, high, cells[1:]) if len(cells) > 1 else None
         self._low, self._high = np.asarray(low, np.float32), np.asarray(high, np.float32)
         self._keys = np.empty(0, np.int64)
-        self._rows = np.empty(0, np.int64)
-        self._nodes = np.empty((0, len(_NODES), 4), np.float32)  # distance and normal
+        self._starts = np.empty(0, np.int64)
+        self._nodes = np.empty((0, 4), np.float32)  # distance and normal, brick by brick
 
     def nearest(self, points: Array) -> tuple[Array, Array]:
         if len(points) > TOGETHER:
@@ -48,6 +48,8 @@ class CachedDistances:
         distances = np.linalg.norm(beyond, axis=-1)
         normals = beyond / np.maximum(distances, 1e-9)[:, None]
         within = distances < REACH
+        if within.all():
+            return self._interpolated(points)
         if within.any():
             distances[within], normals[within] = self._interpolated(points[within])
         return distances.astype(np.float32), normals.astype(np.float32)
@@ -56,9 +58,8 @@ class CachedDistances:
         places = (points - self._low) / self._cell
         cells = np.floor(places).astype(np.int64)
         bricks = cells // SIDE
-        corners = ((cells - bricks * SIDE) @ _STRIDE)[:, None] + _CORNERS @ _STRIDE
-        rows = self._bricks(bricks)
-        nodes = self._nodes[rows[:, None], corners]
+        first = self._bricks(bricks) + (cells - bricks * SIDE) @ _STRIDE
+        nodes = np.take(self._nodes, first[:, None] + _CORNERS @ _STRIDE, axis=0)
         share = (places - cells).astype(np.float32)
         x, y, z = np.stack((1 - share, share), axis=-1).swapaxes(0, 1)
         weights = (x[:, :, None, None] * y[:, None, :, None] * z[:, None, None, :]).reshape(-1, 8, 1)
@@ -72,7 +73,7 @@ class CachedDistances:
         return distances, normals
 
     def _bricks(self, bricks: np.ndarray) -> np.ndarray:
-        """Rows [N] of `_nodes` of bricks [N, 3], filled where they are new."""
+        """Where in `_nodes` bricks [N, 3] begin, [N]; they are filled where they are new."""
         keys = ((bricks[:, 0] + _KEYS // 2) * _KEYS + bricks[:, 1] + _KEYS // 2) * _KEYS + bricks[:, 2] + _KEYS // 2
         places = np.searchsorted(self._keys, keys)
         known = places < len(self._keys)
@@ -81,7 +82,7 @@ class CachedDistances:
             new, first = np.unique(keys[~known], return_index=True)
             self._fill(new, bricks[~known][first])
             places = np.searchsorted(self._keys, keys)
-        return self._rows[places]
+        return self._starts[places]
 
     def _fill(self, keys: np.ndarray, bricks: np.ndarray) -> None:
         """Adds bricks. Of those that are far from the surface only the middle is asked, and the rest follows from the plane that it sees."""
@@ -98,5 +99,5 @@ class CachedDistances:
             nodes[near] = np.concatenate((distances[:, None], normals), axis=-1).reshape(-1, len(_NODES), 4)
         merged = np.concatenate((self._keys, keys))
         order = np.argsort(merged)
-        self._rows = np.concatenate((self._rows, len(self._nodes) + np.arange(len(keys))))[order]
-        self._keys, self._nodes = merged[order], np.concatenate((self._nodes, nodes))
+        self._starts = np.concatenate((self._starts, len(self._nodes) + len(_NODES) * np.arange(len(keys))))[order]
+        self._keys, self._nodes = merged[order], np.concatenate((self._nodes, nodes.reshape(-1, 4)))

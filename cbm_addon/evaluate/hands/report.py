@@ -12,7 +12,7 @@ import numpy as np
 from ...hands.contact import finger_depths
 from ...hands.model import HandModel
 from ...hands.obstacle import over_time
-from ...progress import Progress
+from ...progress import Progress, part
 from .measures import Manifold, Measured, before, measured, summed
 from .methods import methods
 from .recordings import recorded_angles
@@ -49,9 +49,10 @@ def evaluate_hands(model: HandModel, rivals: list[HandModel], data: Path | None,
     for number, (name, method) in enumerate(ways.items()):
         rows[name] = []
         for scene, start in zip(made, starts, strict=True):
-            yield Progress((number * len(made) + len(rows[name])) / (len(ways) * len(made)), f"{name}: {scene.name}")
+            done, every = number * len(made) + len(rows[name]), len(ways) * len(made)
+            yield Progress(done / every, f"{name}: {scene.name}")
             started = time.process_time()
-            angles = yield from method(scene)
+            angles = yield from part(method(scene), done / every, (done + 1) / every)
             seconds[name] += time.process_time() - started
             rows[name].append(measured(scene, start, angles, manifold))
             if name == "ours":
