@@ -192,20 +192,20 @@ def _video(stage: bpy.types.Scene, shot: Shot, path: Path) -> Generator[Progress
 
 def _encode(stage: bpy.types.Scene, pictures: list[Path], rate: float, path: Path) -> None:
     """H.264 from pictures, by Blender's own sequencer."""
-    render = stage.render
+    settings = stage.render
     editor = stage.sequence_editor_create()
     strips = editor.strips if hasattr(editor, "strips") else editor.sequences
     strip = strips.new_image("pictures", str(pictures[0]), 1, stage.frame_start)
     for picture in pictures[1:]:
         strip.elements.append(picture.name)
     stage.frame_end, stage.frame_step = stage.frame_start + len(pictures) - 1, 1
-    render.fps, render.fps_base = round(rate), round(rate) / rate
-    if hasattr(render.image_settings, "media_type"):
-        render.image_settings.media_type = "VIDEO"
-    render.image_settings.file_format = "FFMPEG"
-    render.ffmpeg.format, render.ffmpeg.codec = "MPEG4", "H264"
-    render.ffmpeg.constant_rate_factor = "HIGH"
-    render.filepath = str(path)
+    settings.fps, settings.fps_base = round(rate), round(rate) / rate
+    if hasattr(settings.image_settings, "media_type"):
+        settings.image_settings.media_type = "VIDEO"
+    settings.image_settings.file_format = "FFMPEG"
+    settings.ffmpeg.format, settings.ffmpeg.codec = "MPEG4", "H264"
+    settings.ffmpeg.constant_rate_factor = "HIGH"
+    settings.filepath = str(path)
     render(stage, animation=True)
 
 
