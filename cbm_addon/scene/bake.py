@@ -42,8 +42,8 @@ from .action import (
     setting_path,
     write_action,
 )
-from .kept import PART, Kept, posed_at, reading_upper_body
-from .nla import play_below, push_down
+from .kept import Kept, posed_at, reading_upper_body
+from .nla import PART, play_below, play_upper, push_down
 from .reduction import Reduction, ReductionReport, reducing_channels
 from .rig import read_rig, require_editable
 
@@ -153,7 +153,10 @@ def bake_variations(
     yield Progress(0.95, "writing keys")
     reports = []
     for variation, channels, thinned in reversed(made):
-        action = _write(armature, f"{calibrated.take.name}_variation{variation}", frames, channels, options)
+        lower, upper = _parted(rig, channels) if kept else (channels, [])
+        action = _write(armature, f"{calibrated.take.name}_variation{variation}", frames, lower, options)
+        if upper:
+            play_upper(armature, f"{action.name}_upper", frames, upper)
         measured, errors = np.empty(0), {}
         if (options.part == "full" or kept) and options.root != "in-place":
             measured = np.unique(np.linspace(0, len(frames) - 1, MEASURED_FRAMES).round().astype(int))
@@ -276,6 +279,12 @@ def _write(armature: bpy.types.Object, name: str, frames: np.ndarray, channels: 
     elif previous is not None:
         previous.use_fake_user = True  # or it would leave the file with its last user
     return action
+
+
+def _parted(rig: Rig, channels: list[Channel]) -> tuple[list[Channel], list[Channel]]:
+    """The channels of hips and legs, and those of the rest."""
+    lower = {item.bone for item in (*rig.mapping.controls, *rig.mapping.settings) if item.lower}
+    return [channel for channel in channels if channel.group in lower], [channel for channel in channels if channel.group not in lower]
 
 
 def _tracker_errors(context: bpy.types.Context, armature: bpy.types.Object, rig: Rig, frames: np.ndarray, trackers: Array) -> dict[str, TrackerError]:

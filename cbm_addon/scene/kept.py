@@ -15,9 +15,9 @@ from ..progress import Job, Progress
 from ..rigs.body import RigBody
 from ..rigs.rig import Rig
 from ..takes.synthesize import TRACKED_JOINTS
-from .action import action_curves
+from .action import action_curves, curves_of
+from .nla import PART, upper_tracks
 
-PART = "cbm_part"  # custom property of a baked action
 READ_AT_A_TIME = 60  # frames between two events
 
 
@@ -70,17 +70,23 @@ def posed_at(context: bpy.types.Context, armature: bpy.types.Object, frames: np.
 
 @contextmanager
 def _own_part_aside(armature: bpy.types.Object) -> Iterator[None]:
-    """Meanwhile an active action that is a lower body of ours does nothing, and the bones that it keys are at rest for what else moves them."""
+    """Meanwhile an active action that is a lower body of ours, and what goes with it, do nothing, and the bones that they key are at rest for what
+    else moves them."""
     data = armature.animation_data
     own = data.action if data else None
     if own is None or own.get(PART) != "lower":
         yield
         return
     slot = getattr(data, "action_slot", None)
-    keyed = {curve.data_path.split('"')[1] for curve in action_curves(armature) if '"' in curve.data_path}
+    tracks = [track for track in upper_tracks(armature) if not track.mute]
+    strips = [strip for track in tracks for strip in track.strips]
+    curves = action_curves(armature) + [curve for strip in strips for curve in curves_of(strip.action, getattr(strip, "action_slot", None))]
+    keyed = {curve.data_path.split('"')[1] for curve in curves if '"' in curve.data_path}
     posed = [bone for bone in armature.pose.bones if bone.name in keyed]
     poses = [bone.matrix_basis.copy() for bone in posed]
     data.action = None
+    for track in tracks:
+        track.mute = True
     for bone in posed:
         bone.matrix_basis = mathutils.Matrix()
     try:
@@ -89,6 +95,8 @@ def _own_part_aside(armature: bpy.types.Object) -> Iterator[None]:
         data.action = own
         if slot is not None:
             data.action_slot = slot
+        for track in tracks:
+            track.mute = False
         for bone, pose in zip(posed, poses, strict=True):
             bone.matrix_basis = pose
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from .action import action_curves, curves_of
+from .action import Channel, action_curves, curves_of, new_action
+
+PART = "cbm_part"  # custom property of a baked action: "full", "lower", or "upper" for what goes with a lower one
 
 
 def play_below(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None, frames: np.ndarray) -> bpy.types.NlaStrip:
@@ -34,6 +36,22 @@ def play_above(obj: bpy.types.Object, action: bpy.types.Action, slot: bpy.types.
     strip.extrapolation = "NOTHING"
     data.use_nla = True
     return strip
+
+
+def play_upper(obj: bpy.types.Object, name: str, frames: np.ndarray, channels: list[Channel]) -> None:
+    """Plays what spine and arms do over hips and legs that were baked, so that head and wrists stay where they are: a strip of its own, above the
+    animation that it corrects, so that the action of hips and legs holds nothing else. An earlier one is muted."""
+    for track in upper_tracks(obj):
+        track.mute = True
+    action, slot = new_action(obj, name, frames, channels)
+    action[PART] = "upper"
+    add_strip(obj.animation_data, action, slot, frames[0], max(frames[-1], frames[0] + 1))
+
+
+def upper_tracks(obj: bpy.types.Object) -> list[bpy.types.NlaTrack]:
+    """The tracks that `play_upper` made."""
+    tracks = obj.animation_data.nla_tracks if obj.animation_data else ()
+    return [track for track in tracks if any(strip.action and strip.action.get(PART) == "upper" for strip in track.strips)]
 
 
 def push_down(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None) -> None:

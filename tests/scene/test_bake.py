@@ -14,7 +14,7 @@ from cbm_addon.motion.skeleton import BODY_JOINTS
 from cbm_addon.progress import run
 from cbm_addon.rigs.body import rig_body
 from cbm_addon.rigs.transfer import transfer
-from cbm_addon.scene.action import action_curves, rotation_channel, write_action
+from cbm_addon.scene.action import action_curves, curves_of, rotation_channel, write_action
 from cbm_addon.scene.bake import BakeOptions, BakeReport, bake, rig_channels, take_scale
 from cbm_addon.scene.rig import read_rig
 from cbm_addon.solve.models import load_model
@@ -199,7 +199,11 @@ def test_the_lower_part_keeps_head_and_wrists_of_an_animation_where_they_were(re
     assert np.linalg.norm(heads_at(armature, np.array(FRAMES_OF_A_WALK), (read_rig(armature).mapping.joints["Hips"],)) - hips, axis=-1).max() > 0.01
     for frame, expected in zip(FRAMES_OF_A_WALK, fingers, strict=True):
         np.testing.assert_allclose(pose_at(armature, frame, FINGER), expected, atol=1e-6)
-    assert not keyed_bones(armature) & set(FINGER)
+    rig = read_rig(armature)
+    assert keyed_bones(armature) <= {item.bone for item in (*rig.mapping.controls, *rig.mapping.settings) if item.lower}
+    above = armature.animation_data.nla_tracks[-1].strips[0].action
+    assert above.name == "walk_variation0_upper"
+    assert not {curve.data_path.split('"')[1] for curve in curves_of(above, above.slots[0] if hasattr(above, "slots") else None)} & set(FINGER)
     armature.animation_data.action = action
     assert [(curve.data_path, curve.array_index, len(curve.keyframe_points)) for curve in action_curves(armature)] == curves
 
@@ -250,7 +254,8 @@ def test_a_second_lower_part_takes_the_place_of_the_first(metarig, model, calibr
         bake_on(metarig, calibrated, model, part="lower", variation=variation)
     np.testing.assert_allclose(tracked_at(metarig, FRAMES_OF_A_WALK)[..., :3, 3], before[..., :3, 3], atol=5e-3)
     strips = [strip.action.name for track in metarig.animation_data.nla_tracks for strip in track.strips]
-    assert strips == ["animator"]
+    assert strips == ["animator", "walk_variation0_upper", "walk_variation1_upper"]
+    assert [track.mute for track in metarig.animation_data.nla_tracks] == [False, True, False]
     assert metarig.animation_data.action.name == "walk_variation1"
     assert "walk_variation0" in bpy.data.actions
 
