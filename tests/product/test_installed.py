@@ -89,11 +89,12 @@ for sample in range(16):
     np.testing.assert_allclose(heads, expected, atol=1e-4)
 
 
-def test_shipped_model_is_found_and_sound(blender, tmp_path):
+def test_shipped_models_are_found_and_sound(blender, tmp_path):
     done = blender.cbm("models", "--json", "models.json", folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    (model,) = json.loads((tmp_path / "models.json").read_text())["models"]
-    assert str(blender.user_resources) in model["folder"]
+    models = json.loads((tmp_path / "models.json").read_text())["models"]
+    assert [Path(model["folder"]).name for model in models] == ["base", "hands"]
+    assert all(str(blender.user_resources) in model["folder"] for model in models)
 
 
 def test_bake_puts_the_sample_take_on_a_rigify_human(blender, piece, tmp_path):
