@@ -237,7 +237,7 @@ def _palm(side: Side, positions: Array) -> Array:
 
 
 # In the palm's frame: along, to the side of the thumb, out of the palm. Fitted to the free hand poses, whose phalanges these axes leave
-# within 3 degrees (rms): where a straight finger points, where it bends to (fingers converge when they close), where it spreads to.
+# within 3 degrees on average: where a straight finger points, where it bends to (fingers converge when they close), where it spreads to.
 ZERO = ((0.85, 0.33, 0.41), (1.0, -0.03, 0.0), (0.99, -0.16, 0.0), (0.96, -0.28, 0.0), (0.92, -0.39, 0.0))
 BEND = ((0.37, -0.93, -0.02), (0.0, -0.18, 0.98), (0.0, -0.12, 0.99), (0.0, -0.02, 1.0), (0.0, 0.14, 0.99))
 OUTWARD = ((-0.30, -0.33, 0.90), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0), (0.0, -1.0, 0.0))
