@@ -43,7 +43,7 @@ def train_model(
     clips = find_clips(sources)
     data = yield from part(read_datasets(clips, read_split(), variants=config.variants), 0, 0.03)
     trained = yield from part(train(data, config, checkpoints, resume, partial(start_from, start) if start else None), 0.03, 0.99)
-    if start:
+    if start and before:
         for networks in trained:
             keep_some(start, networks, config.keep)
             networks.history = before["modes"][networks.mode.name]["history"] + networks.history

@@ -50,7 +50,7 @@ def hinged(rig: Rig, solved: RigBody, motion: Motion) -> Motion:
         rests = [_hinge_at_rest(rig, solved, joint, below) for joint, below in ((upper, middle), (middle, end))]
         ways = [normalize(positions[:, below] - positions[:, joint]) for joint, below in ((upper, middle), (middle, end))]
         rolled = matrix_from_quat(multiply(multiply(world[:, upper], solved.alignment[upper]), rests[0]))[..., 0]
-        bend = np.cross(*ways)
+        bend = np.cross(ways[0], ways[1])
         bend += np.maximum(0, STRAIGHT - np.linalg.norm(bend, axis=-1, keepdims=True)) * rolled
         for joint, rest, along in zip((upper, middle), rests, ways, strict=True):
             axis = normalize(bend - np.sum(bend * along, axis=-1, keepdims=True) * along)
