@@ -95,7 +95,7 @@ def _pseudonormals(corners: Array, welded: np.ndarray) -> tuple[Array, Array, Ar
 
 def _summed(groups: np.ndarray, vectors: Array) -> Array:
     """For each of the vectors [N, 3] the sum over its group, int [N]."""
-    return np.stack([np.bincount(groups, column) for column in vectors.T], axis=-1)[groups]
+    return np.stack([np.bincount(groups, column).astype(np.float64) for column in vectors.T], axis=-1)[groups]
 
 
 def _barycentric(places: Array, corners: Array) -> Array:

@@ -144,7 +144,7 @@ def _votes(crossing: _Crossings, outside: np.ndarray, axis: int, count: int) -> 
     free_before, free_after = outside[before] & (surface == first[edge]), outside[after] & (surface == last[edge])
     front_after = crossing.slopes > 0
     answer = FRONT_FREE * np.where(front_after, free_after, free_before) + BACK_FREE * np.where(front_after, free_before, free_after)
-    return np.bincount(crossing.triangles * 4 + answer, np.abs(crossing.slopes), count * 4).reshape(count, 4)
+    return np.bincount(crossing.triangles * 4 + answer, np.abs(crossing.slopes), count * 4).reshape(count, 4).astype(np.float64)
 
 
 def _ask_neighbours(votes: Array, vertices: Array, triangles: np.ndarray) -> np.ndarray:

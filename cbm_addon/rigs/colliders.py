@@ -66,8 +66,8 @@ def body_colliders(rig: Rig) -> list[Collider]:
     for side in SIDES:
         for limb, sizes in LIMBS.items():
             following = side + NEXT[limb]
-            foot = at[side + limb] + FOOT * unit * np.cross(left, [0.0, 0, 1])
-            parts.append(part(side + limb, at.get(following, foot), sizes))
+            end = at[following] if following in at else at[side + limb] + FOOT * unit * np.cross(left, [0.0, 0, 1])
+            parts.append(part(side + limb, end, sizes))
     return parts
 
 
