@@ -124,9 +124,9 @@ class CBM_PT_sidebar(bpy.types.Panel):
             limit = row.row(align=True)
             limit.enabled = fingers.use_range
             limit.prop(fingers, name, text="")
-        row = box.row()
-        row.prop(fingers, "grasp")
-        buttons = row.row()
+        column = box.column(align=True)
+        column.prop(fingers, "grasp")
+        buttons = column.row()
         buttons.enabled = bool(settings.take)
         buttons.prop(fingers, "buttons")
         row = box.row(align=True)
