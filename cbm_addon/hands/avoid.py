@@ -167,7 +167,7 @@ def _shortest(probe: Probe, costs: Array, places: Array, by_finger: Array, stiff
 
 
 def _rescue(probe: Probe, frames: np.ndarray, fingers: np.ndarray, angles: Array) -> None:
-    """Gives fingers that stay inside what frees them best and is nearest: the poses of the frames around, or a stock pose."""
+    """Gives fingers that stay inside what frees them best and leaps least: the poses of the frames around, or a stock pose."""
     if not len(frames):
         return
     by_finger = finger_angles(angles)
@@ -175,7 +175,8 @@ def _rescue(probe: Probe, frames: np.ndarray, fingers: np.ndarray, angles: Array
     starts = [*around, *(finger_angles(POSES[name])[fingers] for name in STOCK)]
     rows, depths = pushed_out(probe, np.tile(frames, len(starts)), np.tile(fingers, len(starts)), np.concatenate(starts), FINISHING)
     rows = rows.reshape(len(starts), len(frames), -1)
-    costs = _cost_of_depth(depths).reshape(len(starts), -1) + ((rows - around[0]) ** 2).sum(-1) / EASE**2
+    leaps = sum(((rows - beside) ** 2).sum(-1) for beside in around[1:3])  # from the frame before and to the one after
+    costs = _cost_of_depth(depths).reshape(len(starts), -1) + leaps / EASE**2
     by_finger[frames, fingers] = rows[costs.argmin(0), np.arange(len(frames))]
 
 
