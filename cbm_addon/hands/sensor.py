@@ -66,13 +66,18 @@ def reachable_grid(cell: float = CELL, seed: int = 0) -> Grid:
     unmoved = np.zeros((len(angles), 3), np.float32), np.tile(np.array([1, 0, 0, 0], np.float32), (len(angles), 1))
     starts, ends, _ = hand.capsules(angles, *unmoved, palm=False)
     points = np.concatenate([starts + (ends - starts) * share for share in (0.25, 0.5, 0.75, 1)], 1) @ hand.palm / hand.length
-    reached, often = np.unique(np.floor(points.reshape(-1, 3) / size).astype(int), axis=0, return_counts=True)
+    return visited_grid(size, points)
+
+
+def visited_grid(cell: float, points: Array) -> Grid:
+    """The cells in which several of the points [..., 3] are, and those beside them."""
+    reached, often = np.unique(np.floor(points.reshape(-1, 3) / cell).astype(int), axis=0, return_counts=True)
     reached = reached[often > 5]
     corner = reached.min(0) - 1
     inside = np.zeros(reached.max(0) - corner + 2, bool)
     for step in np.concatenate((np.zeros((1, 3), int), np.eye(3, dtype=int), -np.eye(3, dtype=int))):
         inside[tuple((reached - corner + step).T)] = True
-    return Grid(size, corner, inside)
+    return Grid(cell, corner, inside)
 
 
 def sense(grid: Grid, hand: Hand, wrists: tuple[Array, Array], nearest: Callable[[Array, Array], tuple[Array, Array]], frames: Array) -> Array:

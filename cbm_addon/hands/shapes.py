@@ -34,6 +34,21 @@ class Sphere:
 
 
 @dataclass(frozen=True)
+class Spheres:
+    """Many spheres: `centres` [C, 3], as large as `radii` [C]."""
+
+    centres: Array
+    radii: Array
+
+    def nearest(self, points: Array) -> tuple[Array, Array]:
+        squares = (points * points).sum(-1)[:, None] - 2 * points @ self.centres.T + (self.centres * self.centres).sum(-1)
+        chosen = (np.sqrt(np.maximum(squares, 0)) - self.radii).argmin(-1)
+        offset = points - self.centres[chosen]
+        length = np.linalg.norm(offset, axis=-1)
+        return (length - self.radii[chosen]).astype(np.float32), _directions(offset, length)
+
+
+@dataclass(frozen=True)
 class HalfSpace:
     """Everything behind the plane through `point`, whose unit `normal` points out of it."""
 
@@ -159,3 +174,15 @@ class Moved:
     def nearest(self, points: Array) -> tuple[Array, Array]:
         distance, normals = self.obstacle.nearest(((points - self.position) @ self._matrix).astype(np.float32))
         return distance, (normals @ self._matrix.T).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """An obstacle `factor` times as large, about the origin."""
+
+    obstacle: Obstacle
+    factor: float
+
+    def nearest(self, points: Array) -> tuple[Array, Array]:
+        distance, normals = self.obstacle.nearest((points / np.float32(self.factor)).astype(np.float32))
+        return distance * np.float32(self.factor), normals

@@ -1,0 +1,20 @@
+"""What a training run of body avoidance is: the fields of `BodyConfig`, which a TOML file may set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..avoidance_config import AvoidanceConfig
+
+
+@dataclass(frozen=True)
+class BodyConfig(AvoidanceConfig):
+    """`shapes` is the share of the samples whose geometry is solid shapes; the others see independent noise, as in the paper. `poses` are drawn
+    from the clips, `samples` surroundings are made for them."""
+
+    name: str = "body"
+    poses: int = 8_000
+    samples: int = 40_000
+    shapes: float = 0.75
+    hidden: int = 256
+    epochs: int = 20
