@@ -24,7 +24,7 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
     found = []
     for folder in args.folders or find_models():
         declared = read_json_card(folder).get("format")
-        kind = next((kind for kind in (hands, body) if kind.CARD_FORMAT == declared), controllers)
+        kind = next((kind for kind in (hands, body) if declared == kind.CARD_FORMAT), controllers)
         card = kind.read_card(folder)
         verify_files(folder, card)
         console.say(f"{folder}: {kind.describe(card)}")
