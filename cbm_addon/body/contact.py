@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -21,7 +21,9 @@ TOUCH = 0.003  # metres of depth that cost as much as a change of EASE
 TRACKER = 0.015  # metres of head and wrists from their places
 PLANTED = 0.001  # metres of a planted ankle
 SWINGING = 0.06  # metres of an ankle in the air
+BALANCE = 0.03  # metres by which the centre of mass is displaced over the floor
 BEND = 0.03  # radians of a hinge beyond its range
+TOGETHER = 1000  # rows that are looked at in one go, for the memory that they take
 SETTLING = 0.1  # seconds over which a foot's hold comes and goes
 
 
@@ -46,6 +48,7 @@ class Surroundings:
         planted = planted_feet(freedom.motion)
         self._standing = np.zeros_like(planted)  # also where a foot is about to stand, or has just stood: it may be on a floor that is an obstacle
         self._places = freedom.positions[:, freedom.held]
+        self._centres = self._centre(shape.lumps.world(freedom.world, freedom.positions))
         strength = np.full(self._places.shape[:2], hold / TRACKER)
         reach = max(1, round(SETTLING * freedom.motion.rate))
         window = np.hanning(2 * reach + 3)[1:-1]
@@ -68,18 +71,29 @@ class Surroundings:
         standing = (self._standing[frames][:, :, None] & self.shape.feet).any(1)
         return np.where(standing, -1.0, depths), points, normals
 
+    def _centre(self, lumps: Array) -> Array:
+        """Where the centre of mass is over the floor, [T, 2], from the places of the lumps [T, L, 3]."""
+        return self.shape.masses @ lumps[..., :2]
+
     def pull(self, frames: np.ndarray, changes: Array, curved: bool = True) -> Pull:
-        """What rows of changes [R, n] at frames int [R] cost, without what the changes themselves cost, and which way is down."""
+        """What rows of changes [R, n] at frames int [R] cost, without what the changes themselves cost, and, if it is to be `curved`, which way is down."""
+        starts = range(0, len(frames), TOGETHER)
+        parts = [self._pull(frames[start : start + TOGETHER], changes[start : start + TOGETHER], curved) for start in starts]
+        return Pull(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Pull)))
+
+    def _pull(self, frames: np.ndarray, changes: Array, curved: bool) -> Pull:
         freedom, joints = self.freedom, self.shape.axes.joints
         posed = freedom.posed(frames, changes)
         depths, points, normals = self._touch(frames, posed)
         inside = depths > -CLEARANCE
         apart = posed.positions[:, freedom.held] - self._places[frames]
+        lumps = self.shape.lumps.world(posed.rotations, posed.positions)
+        swayed = (self._centre(lumps) - self._centres[frames]) / BALANCE
         beyond = np.clip(posed.bends, LEAST, MOST) - posed.bends
         strength = self._strength[frames]
         pushed = np.where(inside, depths + CLEARANCE, 0) / TOUCH
         held = apart * strength[..., None]
-        cost = (pushed**2).sum(-1) + (held**2).sum((-1, -2)) + ((beyond / BEND) ** 2).sum(-1)
+        cost = (pushed**2).sum(-1) + (held**2).sum((-1, -2)) + (swayed**2).sum(-1) + ((beyond / BEND) ** 2).sum(-1)
         if not curved:
             return Pull(np.empty(0), np.empty(0), cost, depths.max(-1))
         some = np.flatnonzero(inside.any(0))
@@ -90,6 +104,10 @@ class Surroundings:
             along = np.broadcast_to(axis, apart.shape)
             rows.append(freedom.slopes(posed, freedom.held, posed.positions[:, freedom.held], along) * strength[..., None])
             right.append(-held @ axis)
+        for axis in range(2):
+            along = np.broadcast_to(np.eye(3)[axis], lumps.shape)
+            rows.append(self.shape.masses[None, None] @ freedom.slopes(posed, self.shape.lumps.joints, lumps, along) / BALANCE)
+            right.append(-swayed[:, axis : axis + 1])
         hinges = np.zeros((len(frames), len(freedom.hinges), len(freedom)))
         hinges[:, np.arange(len(freedom.hinges)), freedom.hinges] = (beyond != 0) / BEND
         rows.append(hinges)

@@ -23,8 +23,8 @@ STRAIGHT = 0.2  # sine of the bend below which a hinge's axis is more and more t
 LEAST, MOST = np.radians((1, 150))  # bends of a hinge
 
 # Turns (radians) and shifts (metres of a body whose head joint stands at 1.6) that cost as much as one another.
-EASE = {"Hips": 0.35, "Shoulder": 0.12, "Arm": 0.7, "ForeArm": 0.9, "UpLeg": 0.7, "Leg": 0.9}
-SHIFT, SPINE = 0.25, 0.25
+EASE = {"Hips": 0.35, "Shoulder": 0.12, "Arm": 0.7, "ForeArm": 0.9, "UpLeg": 1.2, "Leg": 2.0}
+SHIFT, SPINE = 0.3, 0.2
 
 
 @dataclass(frozen=True)

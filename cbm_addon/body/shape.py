@@ -76,6 +76,7 @@ class BodyShape:
     unit   standing height of its head joint
     axes   points on the axes of its capsules, M of them, `radii` [M] thick
     cloud  points that fill it, each of which stands for `volumes` [V]
+    lumps  the middle of what each joint carries, and `masses` [L], which sum to 1: flesh is equally heavy everywhere
     """
 
     body: Skeleton
@@ -84,6 +85,8 @@ class BodyShape:
     radii: Array
     cloud: Points
     volumes: Array
+    lumps: Points
+    masses: Array
 
     @cached_property
     def feet(self) -> np.ndarray:
@@ -105,8 +108,12 @@ def body_shape(body: Skeleton, parts: list[Part] | None = None, sole: float | No
     joints, offsets, radii = (np.concatenate(values) for values in zip(*axes, strict=True))
     above = body.rest_positions()[joints, 2] + offsets[:, 2] - floor
     radii = np.where(np.isin(joints, _foot_joints(body)), np.minimum(radii, above), radii)
-    filling = [np.concatenate(values) for values in zip(*cloud, strict=True)]
-    return BodyShape(body, unit, Points(joints, offsets), radii, Points(filling[0], filling[1]), filling[2])
+    carriers, filled, volumes = (np.concatenate(values) for values in zip(*cloud, strict=True))
+    heavy, owner = np.unique(carriers, return_inverse=True)
+    masses = np.bincount(owner, volumes)
+    middles = np.stack([np.bincount(owner, volumes * column) for column in filled.T], -1) / masses[:, None]
+    lumps = Points(heavy, middles)
+    return BodyShape(body, unit, Points(joints, offsets), radii, Points(carriers, filled), volumes, lumps, masses / masses.sum())
 
 
 def _foot_joints(body: Skeleton) -> list[int]:
