@@ -9,7 +9,7 @@ import numpy as np
 
 from ..motion.contacts import contact_labels
 from ..motion.motion import Motion
-from ..motion.rotations import Array
+from ..motion.rotations import Array, normalize
 from .freedom import LEAST, MOST, Freedom, Posed
 from .shape import SIDES, BodyShape
 
@@ -37,6 +37,14 @@ class Pull:
     depth: Array
 
 
+@dataclass(frozen=True)
+class _Term:
+    """What is squared in a part of the cost, [R, k], and how fast it grows with each change, [R, k, n], when that is asked for."""
+
+    residual: Array
+    slopes: Callable[[], Array]
+
+
 class Surroundings:
     """A body with its freedom among solids; T frames.
 
@@ -48,6 +56,7 @@ class Surroundings:
         planted = planted_feet(freedom.motion)
         self._standing = np.zeros_like(planted)  # also where a foot is about to stand, or has just stood: it may be on a floor that is an obstacle
         self._places = freedom.positions[:, freedom.held]
+        self._met = np.maximum(self._meeting(shape.axes.world(freedom.world, freedom.positions))[0], -CLEARANCE)
         self._centres = self._centre(shape.lumps.world(freedom.world, freedom.positions))
         strength = np.full(self._places.shape[:2], hold / TRACKER)
         reach = max(1, round(SETTLING * freedom.motion.rate))
@@ -71,6 +80,14 @@ class Surroundings:
         standing = (self._standing[frames][:, :, None] & self.shape.feet).any(1)
         return np.where(standing, -1.0, depths), points, normals
 
+    def _meeting(self, points: Array) -> tuple[Array, np.ndarray]:
+        """How deep the points of forearms and hands [T, A] are in the rest of the body, and which of its points is nearest int [T, A]; of points [T, M, 3]."""
+        arms, rest = points[:, self.shape.reaching], points[:, self.shape.standing]
+        squares = (arms * arms).sum(-1)[..., None] + (rest * rest).sum(-1)[:, None] - 2 * arms @ np.swapaxes(rest, -1, -2)
+        gaps = np.sqrt(np.maximum(squares, 1e-12)) - self.shape.radii[self.shape.standing]
+        nearest = gaps.argmin(-1)
+        return self.shape.radii[self.shape.reaching] - np.take_along_axis(gaps, nearest[..., None], -1)[..., 0], self.shape.standing[nearest]
+
     def _centre(self, lumps: Array) -> Array:
         """Where the centre of mass is over the floor, [T, 2], from the places of the lumps [T, L, 3]."""
         return self.shape.masses @ lumps[..., :2]
@@ -82,39 +99,79 @@ class Surroundings:
         return Pull(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Pull)))
 
     def _pull(self, frames: np.ndarray, changes: Array, curved: bool) -> Pull:
-        freedom, joints = self.freedom, self.shape.axes.joints
-        posed = freedom.posed(frames, changes)
+        posed = self.freedom.posed(frames, changes)
         depths, points, normals = self._touch(frames, posed)
-        inside = depths > -CLEARANCE
-        apart = posed.positions[:, freedom.held] - self._places[frames]
-        lumps = self.shape.lumps.world(posed.rotations, posed.positions)
-        swayed = (self._centre(lumps) - self._centres[frames]) / BALANCE
-        beyond = np.clip(posed.bends, LEAST, MOST) - posed.bends
-        strength = self._strength[frames]
-        pushed = np.where(inside, depths + CLEARANCE, 0) / TOUCH
-        held = apart * strength[..., None]
-        cost = (pushed**2).sum(-1) + (held**2).sum((-1, -2)) + (swayed**2).sum(-1) + ((beyond / BEND) ** 2).sum(-1)
+        terms = [
+            self._solids(posed, depths, points, normals),
+            self._itself(frames, posed, points),
+            self._places_held(frames, posed),
+            self._balance(frames, posed),
+            self._hinges(posed),
+        ]
+        cost = sum((term.residual**2).sum(-1) for term in terms)
         if not curved:
             return Pull(np.empty(0), np.empty(0), cost, depths.max(-1))
-        some = np.flatnonzero(inside.any(0))
-        outward = freedom.slopes(posed, joints[some], points[:, some], normals[:, some].astype(np.float64))
-        rows = [np.where(inside[:, some, None], outward, 0) / TOUCH]
-        right = [pushed[:, some]]
-        for axis in np.eye(3):
-            along = np.broadcast_to(axis, apart.shape)
-            rows.append(freedom.slopes(posed, freedom.held, posed.positions[:, freedom.held], along) * strength[..., None])
-            right.append(-held @ axis)
-        for axis in range(2):
-            along = np.broadcast_to(np.eye(3)[axis], lumps.shape)
-            rows.append(self.shape.masses[None, None] @ freedom.slopes(posed, self.shape.lumps.joints, lumps, along) / BALANCE)
-            right.append(-swayed[:, axis : axis + 1])
-        hinges = np.zeros((len(frames), len(freedom.hinges), len(freedom)))
-        hinges[:, np.arange(len(freedom.hinges)), freedom.hinges] = (beyond != 0) / BEND
-        rows.append(hinges)
-        right.append(beyond / BEND)
-        jacobian, residual = np.concatenate(rows, 1), np.concatenate(right, 1)
-        transposed = np.swapaxes(jacobian, -1, -2)
-        return Pull((transposed @ residual[..., None])[..., 0], transposed @ jacobian, cost, depths.max(-1))
+        slopes, residual = np.concatenate([term.slopes() for term in terms], 1), np.concatenate([term.residual for term in terms], 1)
+        transposed = np.swapaxes(slopes, -1, -2)
+        return Pull(-(transposed @ residual[..., None])[..., 0], transposed @ slopes, cost, depths.max(-1))
+
+    def _solids(self, posed: Posed, depths: Array, points: Array, normals: Array) -> _Term:
+        """Nothing is inside of what is around."""
+        some = np.flatnonzero((depths > -CLEARANCE).any(0))
+        inside = depths[:, some] > -CLEARANCE
+
+        def slopes() -> Array:
+            out = self.freedom.slopes(posed, self.shape.axes.joints[some], points[:, some], normals[:, some].astype(np.float64))
+            return np.where(inside[..., None], out, 0) / -TOUCH
+
+        return _Term(np.where(inside, depths[:, some] + CLEARANCE, 0) / TOUCH, slopes)
+
+    def _itself(self, frames: np.ndarray, posed: Posed, points: Array) -> _Term:
+        """Forearms and hands are no deeper in the rest of the body than they were wanted."""
+        joints = self.shape.axes.joints
+        meeting, others = self._meeting(points)
+        entered = np.maximum(meeting - self._met[frames], 0)
+        some = np.flatnonzero((entered > 0).any(0))
+        arms, others, entered = self.shape.reaching[some], others[:, some], entered[:, some]
+
+        def slopes() -> Array:
+            reaching, met = points[:, arms], points[np.arange(len(frames))[:, None], others]
+            out = normalize(reaching - met)
+            apart = self.freedom.slopes(posed, joints[arms], reaching, out) - self.freedom.slopes(posed, joints[others], met, out)
+            return np.where(entered[..., None] > 0, apart, 0) / -TOUCH
+
+        return _Term(entered / TOUCH, slopes)
+
+    def _places_held(self, frames: np.ndarray, posed: Posed) -> _Term:
+        """Head, wrists and ankles are where they were wanted."""
+        places, strength = posed.positions[:, self.freedom.held], self._strength[frames]
+
+        def slopes() -> Array:
+            along = (self.freedom.slopes(posed, self.freedom.held, places, np.broadcast_to(axis, places.shape)) for axis in np.eye(3))
+            return np.concatenate([rows * strength[..., None] for rows in along], 1)
+
+        return _Term(np.concatenate(np.moveaxis((places - self._places[frames]) * strength[..., None], -1, 0), -1), slopes)
+
+    def _balance(self, frames: np.ndarray, posed: Posed) -> _Term:
+        """The centre of mass is over where it was."""
+        lumps = self.shape.lumps.world(posed.rotations, posed.positions)
+
+        def slopes() -> Array:
+            along = (self.freedom.slopes(posed, self.shape.lumps.joints, lumps, np.broadcast_to(axis, lumps.shape)) for axis in np.eye(3)[:2])
+            return np.concatenate([self.shape.masses[None, None] @ rows for rows in along], 1) / BALANCE
+
+        return _Term((self._centre(lumps) - self._centres[frames]) / BALANCE, slopes)
+
+    def _hinges(self, posed: Posed) -> _Term:
+        """Elbows and knees are within their range."""
+        beyond, hinges = posed.bends - np.clip(posed.bends, LEAST, MOST), self.freedom.hinges
+
+        def slopes() -> Array:
+            rows = np.zeros((*beyond.shape, len(self.freedom)))
+            rows[:, np.arange(len(hinges)), hinges] = (beyond != 0) / BEND
+            return rows
+
+        return _Term(beyond / BEND, slopes)
 
 
 def planted_feet(motion: Motion) -> np.ndarray:

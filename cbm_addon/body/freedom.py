@@ -122,9 +122,9 @@ class Freedom:
         return Posed(rotations, positions, axes, pivots, self._bends[frames] + changes[:, self.hinges])
 
     def slopes(self, posed: Posed, joints: np.ndarray, points: Array, along: Array) -> Array:
-        """How fast points [R, M, 3], carried by `joints` int [M], move along directions [R, M, 3] with each change: [R, M, n]."""
-        lever = self._lever[joints]
-        ends = np.where(self._kept[joints][:, None], posed.positions[:, lever], points)
+        """How fast points [R, M, 3], carried by `joints` int [M] or [R, M], move along directions [R, M, 3] with each change: [R, M, n]."""
+        carried = posed.positions[np.arange(len(points))[:, None], self._lever[joints]]
+        ends = np.where(self._kept[joints][..., None], carried, points)
         turned = np.cross(ends, along) @ np.swapaxes(posed.axes, -1, -2)  # n . (a x (p - q)) = a . (p x n) - n . (a x q)
         slopes = turned - along @ np.swapaxes(np.cross(posed.axes, posed.pivots), -1, -2)
         slopes[..., :3] = along

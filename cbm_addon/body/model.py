@@ -35,6 +35,10 @@ class BodyModel:
     grid: Grid
     codebook: Codebook
 
+    @property
+    def name(self) -> str:
+        return self.card["name"]
+
     def propose(self, freedom: Freedom, unit: float, nearest: Nearest, frames: np.ndarray, candidates: int, seed: int) -> list[Array]:
         """Changes [R, n] of each of so many candidates at `frames` [R]: that of the likeliest code first, then of drawn ones."""
         answers = self.codebook.answers(sense(self.grid, freedom, unit, nearest, frames), candidates, seed)

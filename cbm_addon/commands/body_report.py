@@ -26,7 +26,7 @@ def run(args: argparse.Namespace, console: Console, clips: list[Path]) -> dict[s
         found = console.run(evaluate_body(clips, model, rivals, args.seed))
         if report:
             tables, picture = report
-            tables.write_text(markdown(found, f"Model '{model.card['name']}', seed {args.seed}, {len(found['scenes'])} clips."), encoding="utf-8")
+            tables.write_text(markdown(found, f"Model '{model.name}', seed {args.seed}, {len(found['scenes'])} clips."), encoding="utf-8")
             picture.write_bytes(png(sheet(found["made"])))
     for method, figures in found["summary"].items():
         console.say(f"{method}: {figures['reduced_percent']:.2f} % less of the body is inside, {figures['max_depth_cm']:.1f} cm at the deepest")
