@@ -20,7 +20,6 @@ from ...motion.skeleton import BODY_JOINTS, STANDARD_BODY
 from ...progress import Progress
 from ..dataset import faces_one_way, read_body_motion, stands_on_a_floor
 
-CELL = 0.06  # standing heights of the head joint: 10 cm of an adult
 STEP = 0.004  # of a stored distance, in standing heights
 EVERY = 6  # frames between two poses of a clip
 FEET = ("LeftFoot", "RightFoot")
@@ -48,9 +47,9 @@ class PoseBank:
     def part(self, chosen: np.ndarray) -> PoseBank:
         return PoseBank(self.places[chosen], self.rotations[chosen], self.axes[chosen], self.radii, self.feet[chosen])
 
-    def grid(self) -> Grid:
-        """The cells that these poses reach."""
-        return visited_grid(CELL, self.axes)
+    def grid(self, cell: float) -> Grid:
+        """The cells, whose edges are so long, that these poses reach."""
+        return visited_grid(cell, self.axes)
 
     def cell_distances(self, grid: Grid) -> np.ndarray:
         """uint8 [N, C]: from the cells of a grid to the surface of the body, in STEPs, 0 inside and 255 for far away."""

@@ -35,7 +35,7 @@ def train_body(sources: list[Path], folder: Path, config: BodyConfig, resume: bo
     parts = {name: [path for path in clips if split_of(path.stem, split) == name] for name in ("train", "validation")}
     poses = yield from part(read_poses(parts["train"], config.poses, config.seed), 0, 0.15)
     measured = yield from part(read_poses(parts["validation"] or parts["train"], VALIDATION_POSES, config.seed), 0.15, 0.2)
-    grid = poses.grid()
+    grid = poses.grid(config.cell)
     training = yield from part(make_pool(poses, grid, config, config.samples // GROUP, config.seed), 0.2, 0.4)
     validation = yield from part(make_pool(measured, grid, config, VALIDATION, config.seed + 1), 0.4, 0.42)
     networks, history = yield from part(fit(training, validation, config, folder / CHECKPOINT, resume), 0.42, 0.99)

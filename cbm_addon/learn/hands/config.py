@@ -11,10 +11,11 @@ from ..avoidance_config import AvoidanceConfig
 class HandConfig(AvoidanceConfig):
     """`shapes` is the share of the samples whose geometry is solid shapes; the others see independent noise, as in the paper. `poses` are how
     many poses the free ones are interpolated to, `hands` the number of differently proportioned hands that wear them, `samples` how many
-    surroundings are made for them."""
+    surroundings are made for them. `cell` is the edge of a cell that the networks see, in metres at a hand of 190 mm."""
 
     name: str = "hands"
     poses: int = 4_000
     hands: int = 4
     samples: int = 20_000
     shapes: float = 0.75
+    cell: float = 0.01

@@ -30,7 +30,7 @@ def train_hands(source: Path, folder: Path, config: HandConfig, resume: bool, ov
     """
     folder = checked_folder(Path(folder), CHECKPOINT, resume, overwrite)
     poses, measured = held_out(read_free_poses(source))
-    grid = reachable_grid()
+    grid = reachable_grid(config.cell)
     training = yield from part(make_pool(poses.angles, grid, config, config.samples // GROUP, config.seed), 0, 0.3)
     validation = yield from part(make_pool(measured.angles, grid, config, VALIDATION, config.seed + 1), 0.3, 0.32)
     networks, history = yield from part(fit(training, validation, config, folder / CHECKPOINT, resume), 0.32, 0.99)
