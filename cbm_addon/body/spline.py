@@ -11,7 +11,6 @@ from ..motion.rotations import Array
 
 KNOT = 0.12  # seconds between knots
 REACH = 4  # knots that a frame depends on
-FIXED = 1e8  # what stands for a knot that must not move
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ class Spline:
     def _fixed(self) -> np.ndarray:
         fixed = np.zeros(self.knots, bool)
         fixed[:3] = not self.open_start
-        fixed[-3:] |= not self.open_end
+        fixed[self.count // self.stride :] |= not self.open_end  # at rest in the first frame beyond, although the last interval may go on
         return fixed
 
     def step(self, blocks: Array, pull: Array, prior: Array, knots: Array, limits: tuple[float, float]) -> Array:
@@ -82,7 +81,9 @@ class Spline:
                     right[i : i + rows] -= term * knots[j : j + rows]
                     if j >= i:
                         band[j - i, i : i + rows, np.arange(size), np.arange(size)] += term[:, None]
-        band[0, self._fixed] += FIXED * np.eye(size)
+        for d in range(REACH):
+            band[d, : self.knots - d][self._fixed[: self.knots - d] | self._fixed[d:]] = 0
+        band[0, self._fixed] = np.eye(size)
         right[self._fixed] = 0
         return _solve_banded(band, right)
 
@@ -97,9 +98,10 @@ class Spline:
 
     def _regularity(self, limits: tuple[float, float]) -> list[tuple[tuple[float, ...], float]]:
         """Differences of knots and what their squares cost: of the values themselves, of speed and of acceleration, as often as there are frames."""
-        seconds, speed, acceleration = self.stride / self.rate, *limits
+        frequency, speed, acceleration = self.rate / self.stride, *limits  # of knots per second, 0 for a single pose
         mean = tuple(np.array([1, 4, 1]) / 6)
-        return [(mean, self.stride), ((-1, 1), self.stride / (seconds * speed) ** 2), ((1, -2, 1), self.stride / (seconds**2 * acceleration) ** 2)]
+        differences = ((-1, 1), frequency / speed), ((1, -2, 1), frequency**2 / acceleration)
+        return [(mean, self.stride), *((stencil, self.stride * size**2) for stencil, size in differences)]
 
 
 def _solve_banded(band: Array, right: Array) -> Array:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...body.model import BodyModel
+from ...errors import InputError
 from ...learn.dataset import read_body_motion
 from ...motion.motion import Motion
 from ...progress import Progress, part
@@ -34,6 +35,8 @@ def evaluate_body(clips: list[Path], model: BodyModel, rivals: list[BodyModel], 
     with our answers."""
     yield Progress(0, "putting solids in the way")
     made = list(scenes([(path.stem, read_body_motion(path)) for path in clips]))
+    if not made:
+        raise InputError(clips[0], "leaves no room for anything that gets in its way and out again; longer clips are needed")
     ways = methods(model, rivals, seed)
     rows: dict[str, list[Measured]] = {"before": [measured(scene, scene.motion) for scene in made]}
     seconds, ours = dict.fromkeys(ways, 0.0), list[tuple[Scene, Motion]]()

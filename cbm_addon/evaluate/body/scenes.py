@@ -127,7 +127,7 @@ def _prepared(motion: Motion, random: np.random.Generator) -> Motion:
     """SECONDS of the motion on the engine's joints, at an adult's size."""
     body = motion.skeleton.subset(BODY_JOINTS) if motion.skeleton.names != BODY_JOINTS else motion.skeleton
     scale = HEIGHT / body.height_above_toes()
-    count = min(len(motion), round(SECONDS * motion.rate))
+    count = min(len(motion), max(1, round(SECONDS * motion.rate)))
     start = int(random.integers(len(motion) - count + 1))
     part = slice(start, start + count)
     return Motion(body.scaled(scale), motion.times[part], motion.root[part] * np.float32(scale), motion.rotations[part])

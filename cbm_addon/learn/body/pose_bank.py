@@ -62,7 +62,7 @@ class PoseBank:
 
 
 def read_poses(clips: list[Path], count: int, seed: int) -> Generator[Progress, None, PoseBank]:
-    """`count` poses of clips and of their mirror images; those whose head is rarely as low are as many as those that stand."""
+    """`count` poses of clips and of their mirror images; those whose head is rarely as high as it is are drawn more often."""
     shape, found = body_shape(STANDARD_BODY), []
     for i, path in enumerate(clips):
         yield Progress(i / len(clips), f"reading poses of {path.stem}")
