@@ -28,7 +28,7 @@ from .action import new_action, scene_rate, unlocked_animation
 from .bake import rig_channels
 from .colliders import fitted_body
 from .layers import remove_earlier, require_layer, without_earlier
-from .nla import PART, play_above
+from .nla import PART, hold_unkeyed, play_above
 from .obstacles import SceneObstacles
 from .rig import read_rig
 from .rigged_hands import bone_matrices, played, rotations_of
@@ -190,18 +190,19 @@ def _write(
 ) -> bpy.types.Action | None:
     """The action of the stretches in which something was changed, on a track of its own; None if nothing was."""
     changed = np.any(result.motion.rotations != motion.rotations, axis=(1, 2)) | np.any(result.motion.root != motion.root, axis=-1)
-    stretches = [(int(frames[start]), int(frames[end - 1])) for start, end in _runs(changed) if end - start > 1]
+    stretches = [(int(frames[start]), int(max(frames[end - 1], frames[start] + 1))) for start, end in _runs(changed)]  # no strip is shorter than a frame
     unlocked_animation(armature)
     if not stretches:
         remove_all = {channel.data_path for channel in rig_channels(armature, rig, solved, freed)}
         remove_earlier(armature, BODY, remove_all)
         return None
     channels = list(rig_channels(armature, rig, solved, without_way(freed, seen.carrier())))
-    kept = np.concatenate([np.arange(start, end + 1) for start, end in stretches]) - frames[0]
+    kept = np.concatenate([np.arange(start, min(end, frames[-1]) + 1) for start, end in stretches]) - frames[0]
     channels = [replace(channel, values=channel.values[kept]) for channel in channels]
     action, slot = new_action(armature, f"{armature.name} Body", frames[kept], channels)
     action[PART], action.use_fake_user = BODY, True
     remove_earlier(armature, BODY, {channel.data_path for channel in channels})
+    hold_unkeyed(armature, f"{armature.name} Unkeyed", channels, frames)
     play_above(armature, action, slot, frames, stretches)
     return action
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 
-from .action import Channel, action_curves, curves_of, new_action
+from ..motion.rotations import Array
+from .action import Channel, action_curves, animated_paths, curves_of, new_action
 
 PART = "cbm_part"  # custom property of a baked action: "full", "lower", or "upper" for what goes with a lower one
 
@@ -42,6 +45,21 @@ def play_above(
         track = data.nla_tracks[-1]
     data.use_nla = True
     return strips
+
+
+def hold_unkeyed(obj: bpy.types.Object, name: str, channels: list[Channel], frames: np.ndarray) -> None:
+    """Plays what properties of `channels` that nothing animates have now, as a strip below those that will animate them: where no strip does,
+    Blender would give them their defaults, and what it played last is left in them when strips are muted."""
+    known = animated_paths(obj)
+    held = [replace(channel, values=_value(obj, channel.data_path)) for channel in channels if channel.data_path not in known]
+    if held:
+        action, slot = new_action(obj, name, frames[:1], held)
+        add_strip(obj.animation_data, action, slot, frames[0], max(frames[-1], frames[0] + 1))
+
+
+def _value(obj: bpy.types.Object, path: str) -> Array:
+    """What a property is now, [1, C]."""
+    return np.atleast_1d(np.array(obj.path_resolve(path), dtype=np.float64))[None]
 
 
 def play_upper(obj: bpy.types.Object, name: str, frames: np.ndarray, channels: list[Channel]) -> None:
