@@ -56,7 +56,9 @@ class Surroundings:
         planted = planted_feet(freedom.motion)
         self._standing = np.zeros_like(planted)  # also where a foot is about to stand, or has just stood: it may be on a floor that is an obstacle
         self._places = freedom.positions[:, freedom.held]
-        self._met = np.maximum(self._meeting(shape.axes.world(freedom.world, freedom.positions))[0], -CLEARANCE)
+        wanted = shape.axes.world(freedom.world, freedom.positions)
+        self._met = np.concatenate([self._meeting(wanted[start : start + TOGETHER])[0] for start in range(0, len(wanted), TOGETHER)])
+        self._met = np.maximum(self._met, -CLEARANCE)
         self._centres = self._centre(shape.lumps.world(freedom.world, freedom.positions))
         strength = np.full(self._places.shape[:2], hold / TRACKER)
         reach = max(1, round(SETTLING * freedom.motion.rate))

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cbm_addon.body import contact
 from cbm_addon.body.avoid import MARGIN, BodyOptions, BodyResult, avoiding
 from cbm_addon.body.contact import Surroundings, planted_feet
 from cbm_addon.body.freedom import HINGES, LEAST, MOST, Freedom, _left_jacobian, _turn
@@ -99,20 +100,31 @@ def met(request: pytest.FixtureRequest, walk: Motion) -> tuple[Motion, Obstacle,
     return walk, solid, freed(walk, lambda frame: solid)
 
 
-def capsule_depths(motion: Motion, solid: Obstacle) -> np.ndarray:
-    """How deep the parts of a body are in a solid [T, parts], metres: spheres strung along every part, by forward kinematics alone."""
+def spheres(motion: Motion, part: Part) -> list[tuple[np.ndarray, float]]:
+    """Centres [T, 3] and radii of spheres that are strung along a part, by forward kinematics alone."""
     rotations, positions = motion.forward()
-    body, depths = motion.skeleton, []
-    for part in standard_parts(body):
-        joint = body.index(part.joint)
-        turns, deepest = matrix_from_quat(rotations[:, joint].astype(np.float64)), np.full(len(motion), -np.inf)
-        for beside in (part.beside, -part.beside):
-            for share in np.linspace(0, 1, 12):
-                centre = part.start + beside + share * (part.end - part.start)
-                radius = part.radii[0] + share * (part.radii[1] - part.radii[0])
-                deepest = np.maximum(deepest, radius - solid.nearest((turns @ centre + positions[:, joint]).astype(np.float32))[0])
-        depths.append(deepest)
-    return np.stack(depths, -1)
+    joint, strung = motion.skeleton.index(part.joint), []
+    turns = matrix_from_quat(rotations[:, joint].astype(np.float64))
+    for beside in (part.beside, -part.beside):
+        for share in np.linspace(0, 1, 12):
+            centre = part.start + beside + share * (part.end - part.start)
+            strung.append((turns @ centre + positions[:, joint], part.radii[0] + share * (part.radii[1] - part.radii[0])))
+    return strung
+
+
+def capsule_depths(motion: Motion, solid: Obstacle) -> np.ndarray:
+    """How deep the parts of a body are in a solid [T, parts], metres."""
+    parts = (spheres(motion, part) for part in standard_parts(motion.skeleton))
+    return np.stack([np.max([radius - solid.nearest(centres.astype(np.float32))[0] for centres, radius in strung], axis=0) for strung in parts], -1)
+
+
+def arm_depths(motion: Motion) -> np.ndarray:
+    """How deep forearms and hands are in the trunk, the head and the legs [T], metres."""
+    groups: dict[bool, list[tuple[np.ndarray, float]]] = {True: [], False: []}
+    for part in standard_parts(motion.skeleton):
+        if not part.joint.endswith(("Shoulder", "LeftArm", "RightArm")):
+            groups[part.joint.endswith(("ForeArm", "Hand"))] += spheres(motion, part)
+    return np.max([own + other - np.linalg.norm(arm - rest, axis=-1) for arm, own in groups[True] for rest, other in groups[False]], axis=0)
 
 
 def moved(before: Motion, after: Motion) -> np.ndarray:
@@ -188,6 +200,33 @@ def test_away_from_the_contact_in_time_nothing_changes_to_the_bit(met: tuple[Mot
     np.testing.assert_array_equal(result.motion.rotations[away], motion.rotations[away])
     np.testing.assert_array_equal(result.motion.root[away], motion.root[away])
     assert np.any(result.motion.rotations[~away] != motion.rotations[~away])
+
+
+def test_a_body_that_ducks_keeps_its_balance() -> None:
+    """What fills the body has its middle over the same place of the floor."""
+    standing = cut(11.0, 14.0)
+    result, shape = freed(standing, lambda frame: beam(standing, 0.12)), body_shape(standing.skeleton)
+
+    def middle(motion: Motion) -> np.ndarray:
+        rotations, positions = motion.forward()
+        points = shape.cloud.world(matrix_from_quat(rotations).astype(np.float64), positions.astype(np.float64))
+        return np.einsum("v,tvi->ti", shape.volumes / shape.volumes.sum(), points)[:, :2]
+
+    assert moved(standing, result.motion)[:, 0].max() > 0.05
+    assert np.linalg.norm(middle(result.motion) - middle(standing), axis=-1).max() < 0.02
+
+
+def test_an_arm_that_is_pushed_toward_the_body_does_not_enter_it() -> None:
+    """Arms hang beside the thighs, and a ball comes from the left."""
+    motion = still()
+    for side, sign in (("Left", 1), ("Right", -1)):
+        motion.rotations[:, motion.skeleton.index(f"{side}Arm")] = quat_from_rotvec(np.array([0, sign * 1.4, 0]))
+    wrist, before = place(motion, "LeftHand", 0), arm_depths(motion)
+    result = freed(motion, lambda frame: Sphere(wrist + [0.05, 0, 0.06], 0.12))
+    assert -0.07 < before.max() < 0
+    assert result.before.max() > 0.02
+    assert result.after.max() < 0.003
+    assert arm_depths(result.motion).max() < 0.003
 
 
 def test_corrections_do_not_pop(met: tuple[Motion, Obstacle, BodyResult]) -> None:
@@ -337,7 +376,7 @@ def random_changes(freedom: Freedom, rows: int, random: np.random.Generator, siz
 
 
 @given(seeds, bodies)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 def test_slopes_are_the_derivatives_of_places(walk: Motion, seed: int, name: str) -> None:
     random = np.random.default_rng(seed)
     motion = on_body(walk, BODIES[name])
@@ -375,6 +414,18 @@ def test_the_pull_is_half_the_downhill_gradient_of_its_cost(walk: Motion, seed: 
     fall = -(cost(1e-4) - cost(-1e-4)) / 2e-4
     assert fall == pytest.approx(2 * float((pull.slope * direction).sum()), rel=0.02, abs=0.02 * abs(float(pull.cost[0])) + 0.1)
     assert np.linalg.eigvalsh(pull.curvature).min() > -1e-6 * np.abs(pull.curvature).max()
+
+
+def test_rows_are_pulled_alike_however_many_are_looked_at_together(walk: Motion, monkeypatch: pytest.MonkeyPatch) -> None:
+    freedom, solid = Freedom(walk), Sphere(place(walk, "LeftForeArm"), 0.3)
+    frames = np.arange(len(walk))
+    changes = random_changes(freedom, len(walk), np.random.default_rng(0), 0.1)
+    pulls = []
+    for together in (7, 1000):
+        monkeypatch.setattr(contact, "TOGETHER", together)
+        pulls.append(Surroundings(freedom, body_shape(walk.skeleton), over_time(lambda frame: solid), hold=1.0).pull(frames, changes))
+    for name in ("slope", "curvature", "cost", "depth"):
+        np.testing.assert_allclose(getattr(pulls[0], name), getattr(pulls[1], name), rtol=1e-4, atol=1e-4 * np.abs(getattr(pulls[1], name)).max())
 
 
 @given(seeds, bodies)

@@ -54,7 +54,7 @@ def bank(clips: Path) -> PoseBank:
 
 @pytest.fixture(scope="module")
 def grid(bank: PoseBank) -> Grid:
-    return bank.grid()
+    return bank.grid(SMALL.cell)
 
 
 @pytest.fixture(scope="module")
