@@ -10,9 +10,9 @@ import pytest
 from cbm_addon.cli import main
 from cbm_addon.evaluate.hands.measures import Manifold, before, measured, summed
 from cbm_addon.evaluate.hands.methods import gradient, sweep
-from cbm_addon.evaluate.hands.picture import png
 from cbm_addon.evaluate.hands.recordings import recorded_angles
 from cbm_addon.evaluate.hands.scenes import FRAMES, RATE, Scene, scenes
+from cbm_addon.evaluate.tracing import png
 from cbm_addon.progress import run
 
 
@@ -63,6 +63,12 @@ def test_a_picture_is_a_png() -> None:
 def test_without_clips_the_body_is_not_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate"]) == 2
     assert "CLIP" in capsys.readouterr().err
+
+
+def test_without_its_model_the_hands_are_not_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", "--hands", "--model", str(tmp_path / "nowhere"), "--report", str(tmp_path / "report"), "--quiet"]) == 2
+    assert "nowhere: is not a model" in capsys.readouterr().err
+    assert not list((tmp_path / "report").iterdir())
 
 
 @pytest.mark.needs_data
