@@ -74,7 +74,7 @@ class Walker:
         return np.stack(list(found.values()), 1)
 
 
-def walking(armature: bpy.types.Object, root: str = "hips") -> Walker:
+def walking(armature: bpy.types.Object, root: str = "hips", limbs: str = "fk") -> Walker:
     """The armature walks over the scene's origin, 2.5 s of the procedural walk; its action is the user's."""
     scene = bpy.context.scene
     scene.render.fps, scene.frame_start, scene.frame_end = RATE, FIRST, FIRST + FRAMES - 1
@@ -83,7 +83,7 @@ def walking(armature: bpy.types.Object, root: str = "hips") -> Walker:
     walk = resample(sample_motion(), frame_times(2.5, 2.5 + FRAMES / RATE, RATE))
     walk = Motion(walk.skeleton, walk.times[:FRAMES], walk.root[:FRAMES], walk.rotations[:FRAMES])
     motion = transfer(walk, solved.body, solved.body.height_above_toes() / walk.skeleton.height_above_toes())
-    write_action(armature, "user", FIRST + np.arange(FRAMES), list(rig_channels(armature, rig, solved, motion, root=root)), fake_user=False)
+    write_action(armature, "user", FIRST + np.arange(FRAMES), list(rig_channels(armature, rig, solved, motion, root=root, limbs=limbs)), fake_user=False)
     bpy.context.view_layer.update()
     return walker
 
@@ -152,8 +152,8 @@ def mixamo(empty_scene: bpy.types.Scene) -> Walker:
     return walking(sample("Mixamo"))
 
 
-def assert_cleared(armature: bpy.types.Object, root: str = "hips") -> None:
-    walker = walking(armature, root)
+def assert_cleared(armature: bpy.types.Object, root: str = "hips", limbs: str = "fk") -> None:
+    walker = walking(armature, root, limbs)
     bpy.context.scene.frame_set(FIRST + MET)
     beam = add_beam(walker)
     before, places = skull_depths(walker, beam), walker.heads("LeftFoot", "RightFoot", "LeftHand", "RightHand")
@@ -180,8 +180,10 @@ def test_a_metarig_ducks(metarig):
     assert_cleared(metarig)
 
 
-def test_a_generated_rig_ducks(human):
-    assert_cleared(human)
+@pytest.mark.parametrize("limbs", ["fk", "ik"])
+def test_a_generated_rig_ducks(human, limbs):
+    """Whichever of its controls the user animated."""
+    assert_cleared(human, limbs=limbs)
 
 
 @pytest.mark.parametrize("root", ["object", "bone"])
