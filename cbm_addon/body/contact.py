@@ -61,6 +61,8 @@ class Surroundings:
         self._met = np.maximum(self._met, -CLEARANCE)
         self._centres = self._centre(shape.lumps.world(freedom.world, freedom.positions))
         strength = np.full(self._places.shape[:2], hold / TRACKER)
+        own = self._own_depths(wanted)
+        strength[:, : own.shape[1]] /= 1 + np.maximum(own, 0) / TRACKER  # what is itself inside cannot stay
         reach = max(1, round(SETTLING * freedom.motion.rate))
         window = np.hanning(2 * reach + 3)[1:-1]
         for i in range(len(SIDES)):
@@ -81,6 +83,12 @@ class Surroundings:
         depths = self.shape.radii - distances
         standing = (self._standing[frames][:, :, None] & self.shape.feet).any(1)
         return np.where(standing, -1.0, depths), points, normals
+
+    def _own_depths(self, points: Array) -> Array:
+        """How deep head and hands themselves are inside, [T, 3], of points of the body [T, M, 3]."""
+        parts = [np.flatnonzero(self.shape.axes.joints == joint) for joint in self.freedom.held[:3]]
+        frames = np.arange(len(points))
+        return np.stack([(self.shape.radii[part] - self.nearest(frames, points[:, part].astype(np.float32))[0]).max(-1) for part in parts], -1)
 
     def _meeting(self, points: Array) -> tuple[Array, np.ndarray]:
         """How deep the points of forearms and hands [T, A] are in the rest of the body, and which of its points is nearest int [T, A]; of points [T, M, 3]."""

@@ -60,6 +60,13 @@ def checked_folder(folder: Path, checkpoint: str, resume: bool, overwrite: bool)
     return folder
 
 
+def require_samples(samples: int, group: int, config: AvoidanceConfig) -> None:
+    """InputError if the samples of a configuration do not fill a group that is made at once, or a batch."""
+    least = max(group, config.batch)
+    if samples < least:
+        raise InputError("samples", f"is {samples}; at least {least} are needed for a batch")
+
+
 def build(pool: Pool, config: AvoidanceConfig) -> AvoidanceNetworks:
     """Fresh networks, initialised from the configuration's seed, with the statistics of a share of the pool."""
     torch.manual_seed(config.seed)

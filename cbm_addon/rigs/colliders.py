@@ -39,7 +39,7 @@ def body_colliders(rig: Rig) -> list[Collider]:
     """The parts of a body of a rig's size, without its hands."""
     joints, above = rig.mapping.joints, rig.mapping.parents
     at = {joint: rig.head(bone) for joint, bone in joints.items()}
-    unit = at["Head"][2] - min(at[f"{side}Foot"][2] for side in SIDES)
+    unit = at["Head"][2] - min(at[f"{side}{name}"][2] for side in SIDES for name in ("Foot", "Toe") if f"{side}{name}" in at)
     left = normalize((at["LeftUpLeg"] - at["RightUpLeg"]) * [1, 1, 0])
 
     def part(joint: str, end: Array, sizes: tuple[float, float, float], start: Array | None = None) -> Collider:

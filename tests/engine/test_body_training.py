@@ -278,6 +278,7 @@ def test_what_is_there_is_not_replaced_unasked(clips: Path, trained: Path) -> No
         (["empty"], "empty: holds no BVH files"),
         (["clips", "--from", "base"], "--from: goes on from a model of the body"),
         (["clips", "--config", "wrong.toml"], "wrong.toml"),
+        (["clips", "--config", "few.toml"], "samples: is 100; at least 256"),
         (["clips", "--hands"], "not allowed with argument"),
     ],
 )
@@ -286,6 +287,7 @@ def test_the_command_refuses_in_one_line(clips: Path, tmp_path: Path, capsys: py
     (tmp_path / "empty").mkdir()
     (tmp_path / "clips").symlink_to(clips)
     (tmp_path / "wrong.toml").write_text("poesie = 3\n")
+    (tmp_path / "few.toml").write_text("samples = 100\n")
     assert main(["train", "--body", *words, "-o", "model", "--quiet"]) == 2
     assert message in capsys.readouterr().err.strip().splitlines()[-1]
     assert not (tmp_path / "model").exists()

@@ -12,7 +12,7 @@ from ... import __version__
 from ...body.model import CARD_FORMAT, signature
 from ...hands.sensor import Grid
 from ...progress import Job, Progress, part
-from ..avoidance import Pool, checked_folder, export, fit
+from ..avoidance import Pool, checked_folder, export, fit, require_samples
 from ..dataset import find_clips
 from ..split import read_split, split_of
 from .config import BodyConfig
@@ -30,6 +30,7 @@ def train_body(sources: list[Path], folder: Path, config: BodyConfig, resume: bo
 
     InputError if the folder holds a model or a checkpoint and neither `resume` nor `overwrite` is given, or if there are no poses.
     """
+    require_samples(config.samples, GROUP, config)
     folder = checked_folder(Path(folder), CHECKPOINT, resume, overwrite)
     split, clips = read_split(), find_clips(sources)
     parts = {name: [path for path in clips if split_of(path.stem, split) == name] for name in ("train", "validation")}

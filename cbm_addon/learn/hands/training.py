@@ -12,7 +12,7 @@ from ... import __version__
 from ...hands.model import CARD_FORMAT, signature
 from ...hands.sensor import Grid, reachable_grid
 from ...progress import Job, Progress, part
-from ..avoidance import Pool, checked_folder, export, fit
+from ..avoidance import Pool, checked_folder, export, fit, require_samples
 from .config import HandConfig
 from .free_poses import held_out, read_free_poses
 from .geometry import Samples, noise_samples, shape_samples
@@ -28,6 +28,7 @@ def train_hands(source: Path, folder: Path, config: HandConfig, resume: bool, ov
 
     InputError if the folder holds a model or a checkpoint and neither `resume` nor `overwrite` is given.
     """
+    require_samples(config.samples, GROUP, config)
     folder = checked_folder(Path(folder), CHECKPOINT, resume, overwrite)
     poses, measured = held_out(read_free_poses(source))
     grid = reachable_grid(config.cell)
