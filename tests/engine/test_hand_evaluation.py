@@ -13,6 +13,8 @@ from cbm_addon.evaluate.hands.methods import gradient, sweep
 from cbm_addon.evaluate.hands.recordings import recorded_angles
 from cbm_addon.evaluate.hands.scenes import FRAMES, RATE, Scene, scenes
 from cbm_addon.evaluate.tracing import png
+from cbm_addon.hands.avoid import FingerOptions, avoiding
+from cbm_addon.hands.model import load_hand_model
 from cbm_addon.progress import run
 
 
@@ -52,6 +54,16 @@ def test_baselines_pierce_less_than_what_was_wanted(every_scene: list[Scene]) ->
         row = measured(scene, start, run(method(scene)), None)
         assert np.maximum(row.depths, 0).mean() < np.maximum(start.depths, 0).mean() / 2
         assert row.beyond < 1e-3
+
+
+@pytest.mark.parametrize("name", ["sphere", "thigh"])
+def test_on_smooth_solids_fingertips_neither_pierce_nor_leap(every_scene: list[Scene], name: str) -> None:
+    scene = next(scene for scene in every_scene if scene.name == name)
+    result = run(avoiding(scene.hand, scene.wrists, scene.wanted, scene.obstacles, RATE, load_hand_model(threads=1), FingerOptions()))
+    figures = summed([measured(scene, before(scene), result.angles, None)], fastest=302.0)
+    assert figures["max_depth_mm"] < 0.5
+    assert figures["smooth_step_mm"] < 25
+    assert figures["too_fast_percent"] < 0.6
 
 
 def test_a_picture_is_a_png() -> None:
