@@ -105,8 +105,9 @@ def test_noise_leaves_the_hand_free_and_pulls_joints_to_what_is_full(bank: HandB
     assert pulled.mean() > 0.01
 
 
-def test_shapes_touch_the_pose_and_do_not_enter_it(bank: HandBank, grid: Grid) -> None:
-    samples = shape_samples(bank, grid, 128, np.random.default_rng(2))
+@pytest.mark.parametrize("other_hand", [False, True], ids=["solids", "the other hand"])
+def test_shapes_touch_the_pose_and_do_not_enter_it(bank: HandBank, grid: Grid, other_hand: bool) -> None:
+    samples = shape_samples(bank, grid, 128, np.random.default_rng(2), other_hand)
     chains = bank.hand.chains(finger_angles(samples.angles))
     points = axis_points(bank.hand, chains, SOLVING) @ bank.hand.palm / bank.hand.length
     radii = point_radii(bank.hand, SOLVING)[..., None] / bank.hand.length

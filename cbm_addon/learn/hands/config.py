@@ -9,7 +9,8 @@ from ..avoidance_config import AvoidanceConfig
 
 @dataclass(frozen=True)
 class HandConfig(AvoidanceConfig):
-    """`shapes` is the share of the samples whose geometry is solid shapes; the others see independent noise, as in the paper. `poses` are how
+    """`shapes` is the share of the samples whose geometry is solid shapes; the others see independent noise, as in the paper. Of
+    those shapes `other_hands` is the share in which the other hand is one. `poses` are how
     many poses the free ones are interpolated to, `hands` the number of differently proportioned hands that wear them, `samples` how many
     surroundings are made for them. `cell` is the edge of a cell that the networks see, in metres at a hand of 190 mm."""
 
@@ -18,4 +19,5 @@ class HandConfig(AvoidanceConfig):
     hands: int = 4
     samples: int = 20_000
     shapes: float = 0.75
+    other_hands: float = 0.15
     cell: float = 0.01

@@ -6,13 +6,14 @@ All in the palm's frame and in lengths of the hand.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from ...hands.contact import SOLVING, axis_points, palm_points, point_radii
 from ...hands.hand import FINGERS, Hand, finger_angles
 from ...hands.sensor import Grid, wanted_places
-from ...motion.rotations import Array, matrix_from_quat, multiply, normalize, quat_between, quat_from_axis_angle
+from ...motion.rotations import Array, matrix_from_quat, multiply, normalize, quat_between, quat_from_axis_angle, quat_from_rotvec
 from .pose_bank import HandBank
 
 SECOND = 0.35  # share of the samples that see a second shape
@@ -94,7 +95,45 @@ def random_solids(near: Array, normals: Array, random: np.random.Generator) -> S
     return Solids(*(values.astype(np.float32) for values in (centres, turn, halves, rounding, zero)))
 
 
-def fitted_solids(solid: Solids, outwards: Array, points: Array, radii: Array, gap: Array, there: np.ndarray) -> Solids:
+@dataclass(frozen=True)
+class OtherHands:
+    """The other hand for each sample, as a solid: M points [N, M, 3] about its place, `radii` [M] thick.
+
+    centres [N, 3], offset [N] as those of Solids
+    """
+
+    centres: Array
+    points: Array
+    radii: Array
+    offset: Array
+
+    def part(self, chosen: np.ndarray) -> OtherHands:
+        return OtherHands(self.centres[chosen], self.points[chosen], self.radii, self.offset[chosen])
+
+    def distances(self, points: Array) -> Array:
+        """Signed distances [N, M] of points [N, M, 3] or [M, 3]."""
+        own = self.points + self.centres[:, None]
+        squares = (points * points).sum(-1)[..., None] + (own * own).sum(-1)[:, None] - 2 * points @ np.swapaxes(own, -1, -2)
+        return (np.sqrt(np.maximum(squares, 0)) - self.radii).min(-1) + self.offset[:, None]
+
+
+def random_hands(bank: HandBank, near: Array, random: np.random.Generator) -> OtherHands:
+    """Other hands in poses of the bank, one of whose points is at each of `near` [N, 3]; mostly they show their palm to the palm."""
+    count = len(near)
+    points, radii = _touching(bank.hand, bank.angles[random.integers(len(bank.angles), size=count)])
+    points = points * np.array([1, -1, 1], np.float32)  # the other side's
+    facing = quat_from_axis_angle(np.array([1.0, 0, 0]), np.where(random.random(count) < 0.7, np.pi, 0))
+    about = quat_from_axis_angle(np.array([0, 0, 1.0]), random.uniform(-np.pi, np.pi, size=count))
+    turn = matrix_from_quat(multiply(multiply(quat_from_rotvec(random.normal(scale=0.4, size=(count, 3))), about), facing)).astype(np.float32)
+    points = points @ np.swapaxes(turn, -1, -2)
+    centres = near - points[np.arange(count), random.integers(len(radii), size=count)]
+    return OtherHands(centres.astype(np.float32), points, radii, np.zeros(count, np.float32))
+
+
+Kind = TypeVar("Kind", Solids, OtherHands)
+
+
+def fitted_solids(solid: Kind, outwards: Array, points: Array, radii: Array, gap: Array, there: np.ndarray) -> Kind:
     """Solids [N] moved along `outwards` [N, 3] until they leave a `gap` [N] to points [N, M, 3] that are `radii` [M] thick; what is left of them then
     gives way. Those that are not `there` [N] are far away."""
     for _ in range(3):
@@ -104,18 +143,18 @@ def fitted_solids(solid: Solids, outwards: Array, points: Array, radii: Array, g
     return replace(solid, offset=offset.astype(np.float32))
 
 
-def shape_samples(bank: HandBank, grid: Grid, count: int, random: np.random.Generator) -> Samples:
+def shape_samples(bank: HandBank, grid: Grid, count: int, random: np.random.Generator, other_hand: bool = False) -> Samples:
     """Solid shapes whose surface gives way until it touches a free pose, or leaves a gap, and a wanted pose some fingers of which are bent into
-    them."""
+    them. The first of the shapes may be the `other_hand`."""
     chosen = random.integers(len(bank.angles), size=count)
     hand, angles = bank.hand, bank.angles[chosen]
     points, radii = _touching(hand, angles)
     fingers = point_radii(hand, SOLVING).size
     distances, solids = np.full((count, grid.count), np.inf, np.float32), []
-    for share in (1.0, SECOND):
+    for number, share in enumerate((1.0, SECOND)):
         near = points[np.arange(count), random.integers(fingers, size=count)] + random.normal(scale=0.02, size=(count, 3))
         outwards = normalize(random.normal(scale=0.6, size=(count, 3)) + [0, 0, 1])
-        solid = random_solids(near, -outwards, random)
+        solid = random_hands(bank, near, random) if other_hand and number == 0 else random_solids(near, -outwards, random)
         gap = np.where(random.random(count) < 0.7, 0, random.exponential(0.04, size=count))
         there = random.random(count) < share
         solid = fitted_solids(solid, outwards, points, radii, gap, there)
@@ -134,7 +173,7 @@ def _touching(hand: Hand, angles: Array) -> tuple[Array, Array]:
     return (everything @ hand.palm / hand.length).astype(np.float32), (radii / hand.length).astype(np.float32)
 
 
-def _bent_into(hand: Hand, angles: Array, solids: list[Solids], random: np.random.Generator) -> Array:
+def _bent_into(hand: Hand, angles: Array, solids: list[Solids | OtherHands], random: np.random.Generator) -> Array:
     """Wanted angles [N, 20]: each finger bent or straightened until it is inside a shape, by no more than it takes plus a random excess;
     fingers that meet none stay, but for a little noise."""
     count, radii = len(angles), point_radii(hand, SOLVING)

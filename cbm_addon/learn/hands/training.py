@@ -62,8 +62,8 @@ def make_pool(poses: np.ndarray, grid: Grid, config: HandConfig, groups: int, se
     made: list[Samples] = []
     for group in range(groups):
         random = np.random.default_rng([seed, group])
-        sampled = shape_samples if random.random() < config.shapes else noise_samples
-        samples = sampled(banks[group % len(banks)], grid, GROUP, random)
+        bank, solid, other_hand = banks[group % len(banks)], random.random() < config.shapes, random.random() < config.other_hands
+        samples = shape_samples(bank, grid, GROUP, random, other_hand) if solid else noise_samples(bank, grid, GROUP, random)
         made.append(Samples(np.round(samples.occupancy * 255).astype(np.uint8), samples.places, samples.angles))
         if group % 10 == 0:
             yield Progress((group + 1) / groups, f"hands: surroundings {group + 1} of {groups}")
