@@ -10,6 +10,7 @@ def classes() -> tuple[type, ...]:
     """Every Blender class of the extension, in the order in which they are registered."""
     from .operators.bake_take import CBM_OT_bake_take
     from .operators.calibrate_take import CBM_OT_calibrate_take
+    from .operators.clear_body import CBM_OT_clear_body
     from .operators.import_mocap import CBM_OT_import_mocap
     from .operators.import_take import CBM_OT_import_take
     from .operators.load_model import CBM_OT_load_model
@@ -28,6 +29,7 @@ def classes() -> tuple[type, ...]:
         CBM_OT_train_model,
         CBM_OT_bake_take,
         CBM_OT_pose_fingers,
+        CBM_OT_clear_body,
         CBM_OT_add_colliders,
         CBM_OT_show_hands,
         CBM_PT_sidebar,

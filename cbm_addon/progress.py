@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -39,3 +39,11 @@ def part(job: Job[Result], start: float, end: float) -> Job[Result]:
         except StopIteration as stop:
             return stop.value
         yield Progress(start + (end - start) * event.share, event.message)
+
+
+def blocks(count: int, most: int) -> Iterator[slice]:
+    """What is done between two events of a long job, of 0 to `count`: little at first, when all is new to what remembers, then at `most` so much."""
+    start, length = 0, 1
+    while start < count:
+        yield slice(start, min(count, start + length))
+        start, length = start + length, min(most, 2 * length)

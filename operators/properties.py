@@ -10,12 +10,14 @@ from typing import get_type_hints
 
 import bpy
 
+from ..cbm_addon.body.avoid import BodyOptions
 from ..cbm_addon.errors import InputError
 from ..cbm_addon.features import MODES
 from ..cbm_addon.hands.avoid import FingerOptions
 from ..cbm_addon.rigs.recognize import recognize, summary
 from ..cbm_addon.rigs.tables import Table, load_table
 from ..cbm_addon.scene.bake import BakeOptions
+from ..cbm_addon.scene.body import ClearOptions
 from ..cbm_addon.scene.fingers import PoseOptions
 from ..cbm_addon.scene.reduction import Reduction
 from ..cbm_addon.scene.rig import find_armature, read_bones
@@ -185,24 +187,35 @@ class CBM_PG_fingers(bpy.types.PropertyGroup):
     )
     obstacles: bpy.props.PointerProperty(
         name="Obstacles",
-        description="What fingers must not enter; everything visible that does not belong to the character if empty",
+        description="What fingers and body must not enter; everything visible that does not belong to the character if empty",
         type=bpy.types.Collection,
     )
     use_range: bpy.props.BoolProperty(name="Frame Range", description="Pose these frames only; otherwise all frames of the scene")
     frame_start: bpy.props.IntProperty(name="Start", description="First frame", default=1)
     frame_end: bpy.props.IntProperty(name="End", description="Last frame", default=250)
-    strength: bpy.props.FloatProperty(name="Strength", description="0 leaves the fingers as they are", default=1, min=0, max=1, subtype="FACTOR")
+    strength: bpy.props.FloatProperty(name="Strength", description="0 leaves fingers and body as they are", default=1, min=0, max=1, subtype="FACTOR")
     grasp: bpy.props.BoolProperty(name="Grasp", description="Close the fingers until they rest on what they can reach")
     buttons: bpy.props.BoolProperty(
         name="Trigger and Grip", description="Bend the fingers by the triggers and grips of the take first; otherwise keep their animation, or relax them"
     )
+    hold: bpy.props.FloatProperty(
+        name="Hold", description="How strongly head and wrists stay with their trackers when the body makes way", default=1, min=0, soft_max=4
+    )
     summary: bpy.props.StringProperty(name="Result", description="What became of each hand, a line each")
+    body_summary: bpy.props.StringProperty(name="Body", description="What became of the body")
+
+    def body_options(self, table: Table | None) -> ClearOptions:
+        solve = BodyOptions(strength=self.strength, hold=self.hold, seed=self.id_data.cbm.seed)
+        return ClearOptions(self.obstacles, self.frames(), solve, table)
+
+    def frames(self) -> tuple[int, int] | None:
+        return (self.frame_start, self.frame_end) if self.use_range else None
 
     def options(self, table: Table | None, take: Take | None) -> PoseOptions:
         return PoseOptions(
             sides=None if self.hands == "BOTH" else (self.hands.capitalize(),),
             collection=self.obstacles,
-            frames=(self.frame_start, self.frame_end) if self.use_range else None,
+            frames=self.frames(),
             solve=FingerOptions(strength=self.strength, grasp=self.grasp, seed=self.id_data.cbm.seed),
             take=take,
             table=table,

@@ -11,6 +11,7 @@ import bpy
 from ..cbm_addon.scene.modal import ModalJob
 from ..cbm_addon.scene.overlay import Overlay
 from ..operators.bake_take import CBM_OT_bake_take
+from ..operators.clear_body import CBM_OT_clear_body
 from ..operators.import_mocap import CBM_OT_import_mocap
 from ..operators.import_take import CBM_OT_import_take
 from ..operators.load_model import CBM_OT_load_model
@@ -113,7 +114,7 @@ class CBM_PT_sidebar(bpy.types.Panel):
 
     def _fingers(self, box: bpy.types.UILayout, settings: bpy.types.PropertyGroup, letters: int) -> None:
         fingers = settings.fingers
-        box.label(text="5. Fingers", icon="VIEW_PAN")
+        box.label(text="5. Fingers and Body", icon="VIEW_PAN")
         column = box.column(align=True)
         column.row(align=True).prop(fingers, "hands", expand=True)
         column.prop(fingers, "obstacles")
@@ -138,6 +139,12 @@ class CBM_PT_sidebar(bpy.types.Panel):
         row.operator(CBM_OT_pose_fingers.bl_idname, icon="PLAY")
         if fingers.summary:
             _findings(box, fingers.summary, letters)
+        row = box.row(align=True)
+        row.enabled = settings.rig is not None
+        row.prop(fingers, "hold")
+        row.operator(CBM_OT_clear_body.bl_idname, icon="PLAY")
+        if fingers.body_summary:
+            _findings(box, fingers.body_summary, letters)
 
 
 def _letters(context: bpy.types.Context) -> int:

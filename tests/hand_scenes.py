@@ -107,6 +107,14 @@ def animate(armature: bpy.types.Object, shown: HandScene, frames: int) -> Rig:
     return rig
 
 
+def strip_curves(armature: bpy.types.Object, unwanted: Callable[[bpy.types.FCurve], bool]) -> None:
+    """Removes curves of an armature's action."""
+    data = armature.animation_data
+    curves = data.action.fcurves if not hasattr(data.action, "slots") else data.action.layers[0].strips[0].channelbag(data.action_slot).fcurves
+    for curve in [curve for curve in curves if unwanted(curve)]:
+        curves.remove(curve)
+
+
 def evaluated_matrices(armature: bpy.types.Object, bones, numbers: np.ndarray) -> dict[str, np.ndarray]:
     """World matrices [T, 4, 4] of pose bones from the dependency graph."""
     found: dict[str, list] = {bone: [] for bone in bones}

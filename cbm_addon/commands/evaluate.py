@@ -11,7 +11,7 @@ from typing import Any
 from ..console import Console
 from ..errors import InputError
 from ..evaluate import METHODS
-from . import hands_report
+from . import body_report, hands_report
 
 HELP = "measure the solver and the baselines against motion capture clips"
 
@@ -24,6 +24,7 @@ SUMMARY_LINE = ("lower_mpjpe_cm", "hips_cm", "detail_ratio", "jitter_ratio", "sl
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("clips", type=Path, nargs="*", metavar="CLIP", help="BVH files or folders of them, with the engine's joint names")
     parser.add_argument("--hands", action="store_true", help="measure the fingers instead; CLIP may be a folder of hand poses and recordings to compare with")
+    parser.add_argument("--body", action="store_true", help="measure whole bodies among solids instead, a scene for each of the CLIPs")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=["ours", "legs-carried"], help="what to compare (default: ours legs-carried)")
     parser.add_argument("--mode", nargs="+", choices=MODES, default=["lookahead"], help="use the whole take, only what came before each frame, or both")
     parser.add_argument("--model", type=Path, metavar="DIR", help="model folder (default: the shipped one)")
@@ -43,6 +44,8 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
         return hands_report.run(args, console)
     if not args.clips:
         raise InputError("CLIP", "is missing; name BVH files or folders of them")
+    if args.body:
+        return body_report.run(args, console, choose_clips(args.clips, args.split, args.limit)[0])
     from ..evaluate.methods import OF_A_MODEL, prepare_methods, rival_methods
     from ..evaluate.report import drawing, markdown
     from ..evaluate.score_card import score_card, strips

@@ -1,4 +1,4 @@
-"""`fingers`: the fingers of an armature keep clear of the meshes of its scene, in a blend file."""
+"""`fingers`: the fingers of an armature, and its body if asked, keep clear of the meshes of its scene, in a blend file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..errors import InputError
 if TYPE_CHECKING:
     from ..takes.take import Take
 
-HELP = "pose an armature's fingers so that they touch and do not pierce, and save a blend file"
+HELP = "pose an armature's fingers (and body) so that they touch and do not pierce, and save a blend file"
 HANDS = ("left", "right")
 
 
@@ -25,6 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--hands", metavar="left,right", help="which hands (default: those that have fingers)")
     parser.add_argument("--frames", metavar="A:B", help="first and last frame (default: those of the scene)")
     parser.add_argument("--grasp", action="store_true", help="close the fingers until they rest on what they can reach")
+    parser.add_argument("--body", action="store_true", help="move the whole body out of what it pierces first; trackers and planted feet stay")
+    parser.add_argument("--hold", type=float, default=1.0, metavar="W", help="with --body: how strongly head and wrists stay with their trackers (default: 1)")
     parser.add_argument("--strength", type=float, default=1.0, metavar="S", help="from 0, leave the fingers as they are, to 1 (default)")
     parser.add_argument("--seed", type=int, default=0, help="the same seed gives the same fingers")
     parser.add_argument("--take", type=Path, metavar="TAKE", help="bend the fingers by the triggers and grips of this recording, then avoid")
@@ -34,10 +36,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
     try:
         from ..scene import blend_file
-        from ..scene.fingers import PoseOptions, pose_fingers
+        from ..scene.body import ClearOptions, clear_body
+        from ..scene.fingers import PoseOptions, has_fingers, pose_fingers
         from ..scene.obstacles import find_collection
     except ModuleNotFoundError as error:
         raise InputError(error.name or "bpy", "is not installed here; run `fingers` inside Blender, or `pip install bpy`") from error
+    from ..body.avoid import BodyOptions
     from ..hands.avoid import FingerOptions
     from ..outputs import replacing
     from ..rigs.tables import load_table
@@ -48,22 +52,28 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
     blend_file.check_files(args.blend, blend_file.opened(), args.output)
     take = _pressed(args.take) if args.take else None
     table = load_table(args.map) if args.map else None
+    if args.hold < 0:
+        raise InputError("--hold", f"is {args.hold:g}; it is from 0, head and wrists may go anywhere, upwards")
     with replacing(args.output, args.overwrite) as temporary:
         target = blend_file.open_target(args.blend, args.rig, None)
-        options = PoseOptions(
-            sides=sides,
-            collection=find_collection(args.obstacles) if args.obstacles else None,
-            frames=frames,
-            solve=FingerOptions(strength=args.strength, grasp=args.grasp, seed=args.seed),
-            take=take,
-            table=table,
-        )
-        report = console.run(pose_fingers(target.context, target.armature, options))
+        collection = find_collection(args.obstacles) if args.obstacles else None
+        found: dict[str, Any] = {}
+        if args.body:
+            solve = BodyOptions(strength=args.strength, hold=args.hold, seed=args.seed)
+            body = console.run(clear_body(target.context, target.armature, ClearOptions(collection, frames, solve, table)))
+            console.say(f"body: {body.summary}")
+            found["body"] = asdict(body)
+        if not args.body or sides or has_fingers(target.armature, table):
+            solving = FingerOptions(strength=args.strength, grasp=args.grasp, seed=args.seed)
+            options = PoseOptions(sides=sides, collection=collection, frames=frames, solve=solving, take=take, table=table)
+            report = console.run(pose_fingers(target.context, target.armature, options))
+            for side, hand in report.hands.items():
+                console.say(f"{side.lower()} hand: {hand.summary}")
+            console.say(f"fingers: {report.summary}")
+            found |= asdict(report)
         blend_file.save_blend(temporary)
-    for side, hand in report.hands.items():
-        console.say(f"{side.lower()} hand: {hand.summary}")
-    console.say(f"{args.output}: {report.summary}; open with `blender {args.output}`")
-    return {"output": args.output, "rig": target.armature.name, **asdict(report)}
+    console.say(f"{args.output}: open with `blender {args.output}`")
+    return {"output": args.output, "rig": target.armature.name, **found}
 
 
 def _sides(text: str | None) -> tuple[str, ...] | None:

@@ -11,9 +11,10 @@ from ..errors import InputError
 
 
 def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
-    from ..evaluate.hands.picture import before_and_after, png
+    from ..evaluate.hands.picture import before_and_after
     from ..evaluate.hands.report import PICTURED, evaluate_hands, markdown, worst_frame
     from ..evaluate.hands.scenes import scenes
+    from ..evaluate.tracing import png
     from ..hands.model import load_hand_model
     from ..outputs import replacing_all
 

@@ -16,13 +16,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
+    from ..body import model as body
     from ..hands import model as hands
     from ..model_folder import find_models, read_json_card, verify_files
-    from ..solve import models as bodies
+    from ..solve import models as controllers
 
     found = []
     for folder in args.folders or find_models():
-        kind = hands if read_json_card(folder).get("format") == hands.CARD_FORMAT else bodies
+        declared = read_json_card(folder).get("format")
+        kind = next((kind for kind in (hands, body) if declared == kind.CARD_FORMAT), controllers)
         card = kind.read_card(folder)
         verify_files(folder, card)
         console.say(f"{folder}: {kind.describe(card)}")

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..model_folder import MODELS_FOLDER, card_of_format, open_session, session_options, verify_files
+from ..model_folder import MODELS_FOLDER, card_of_format
 from ..motion.rotations import Array
+from .codebook import Codebook, load_codebook
 from .hand import ANGLES, JOINTS, TIPS
 from .sensor import Grid
 
 CARD_FORMAT = "cbm-hands 1"
 DEFAULT_HANDS = MODELS_FOLDER / "hands"
-ESTIMATOR, DECODER = "hands.estimator.onnx", "hands.decoder.onnx"
 
 
 @dataclass(frozen=True)
@@ -26,28 +26,15 @@ class HandModel:
     folder: Path
     card: dict[str, Any]
     grid: Grid
-    channels: int
-    classes: int
-    estimator: Any
-    decoder: Any
+    codebook: Codebook
 
     @property
     def name(self) -> str:
         return self.card["name"]
 
     def propose(self, occupancy: Array, places: Array, candidates: int, seed: int) -> Array:
-        """Angles [K, F, 20] for occupancy [F, C] and wanted places [F, 60]: the likeliest code first, then drawn ones.
-
-        The noise of a candidate is the same in all frames, so that its codes do not flicker.
-        """
-        sensed = np.concatenate((occupancy, places), -1).astype(np.float32)
-        logits, features = self.estimator.run(["logits", "features"], {"sensed": sensed})
-        logits = logits.reshape(len(sensed), self.channels, self.classes)
-        noise = np.random.default_rng(seed).gumbel(size=(candidates, 1, self.channels, self.classes)).astype(np.float32)
-        noise[0] = 0
-        codes = np.eye(self.classes, dtype=np.float32)[(logits + noise).argmax(-1)].reshape(candidates * len(sensed), -1)
-        angles = self.decoder.run(None, {"codes": codes, "features": np.tile(features, (candidates, 1))})[0]
-        return angles.reshape(candidates, len(sensed), len(ANGLES))
+        """Angles [K, F, 20] for occupancy [F, C] and wanted places [F, 60]: the likeliest code first, then drawn ones."""
+        return self.codebook.answers(np.concatenate((occupancy, places), -1).astype(np.float32), candidates, seed)
 
 
 def signature(grid: Grid) -> dict[str, Any]:
@@ -74,7 +61,4 @@ def load_hand_model(folder: Path | None = None, threads: int = 0) -> HandModel:
     """Loads a model of hands (the shipped one by default) after checking its card and files; InputError where it does not fit."""
     folder = Path(folder) if folder else DEFAULT_HANDS
     card = read_card(folder)
-    verify_files(folder, card)
-    options = session_options(threads)
-    estimator, decoder = (open_session(folder / name, options) for name in (ESTIMATOR, DECODER))
-    return HandModel(folder, card, Grid.from_dict(card["features"]["grid"]), card["channels"], card["classes"], estimator, decoder)
+    return HandModel(folder, card, Grid.from_dict(card["features"]["grid"]), load_codebook(folder, card, threads))

@@ -12,31 +12,36 @@ from functools import partial
 import numpy as np
 
 from ..motion.rotations import Array
+from ..progress import Job, Progress
 from .contact import Probe, every_row
-from .hand import PHALANGES, finger_angles
+from .hand import PHALANGES, Hand, finger_angles
 
 CLEARANCE = 0.0003  # metres that are left between finger and surface
 TOUCH = 0.001  # metres of depth that cost as much as EASE
 EASE = 0.5  # radians of correction
 SPEED = 3.0  # radians per second of correction that cost as much as EASE
 FASTEST = 2.5  # radians per second: faster angles are held back
+FASTEST_TIP = 2.8  # lengths of the hand per second, 22 mm in a frame of film: fingers that want no more do not leap further
 HASTE = 12.0  # how much more they are held together for each time they are faster
 LONGEST_STEP = 0.15  # radians in one iteration of the smooth projection, so that no finger gets through a thin thing
 LONGEST_PUSH = 0.35  # radians in one iteration of the last push
 NEAR = 0.005  # metres: fingers that are wanted farther than this from everything, and stay so for a while, are not asked again
 ITERATIONS = 12  # of the smooth projection
-ROUNDS = 3  # of each, to find which angles stop at their limits and which points come to touch
-OVERSHOOT = 0.001  # metres of depth to which one iteration may bring a finger
-STIFFNESS = 20.0  # of contacts in the smooth projection
+SETTLING = 6  # iterations of the last push for what is only a candidate
+ROUNDS = 2  # of each, to find which angles stop at their limits and which points come to touch
+PUSH_ROUNDS = 3  # the same for the last push
+OVERSHOOT = 0.0005  # metres of depth to which one iteration may bring a finger
+STIFFNESS = 10.0  # of contacts in the smooth projection
 DAMPING = 0.3  # of the last push
 STIFF = 1e9  # what stands for an angle that is not free
+STILL = 1e-4  # metres: fingers whose points moved less are where they were
 WINDOW, MARGIN = 24, 12  # frames of time that are solved together, and by which they overlap
 
 _COUNT = PHALANGES + 1
 _DIAGONAL = np.arange(_COUNT)
 
 
-def projected(probe: Probe, near: np.ndarray, start: Array, wanted: Array, rate: float) -> Array:
+def projected(probe: Probe, near: np.ndarray, start: Array, wanted: Array, rate: float) -> Job[Array]:
     """Angles [T, 20] within the limits, from a `start` that is all but free, that stay near `wanted` and out of the obstacle, with a correction
     that is smooth over time. What depth remains is left to `pushed_out`.
 
@@ -47,7 +52,10 @@ def projected(probe: Probe, near: np.ndarray, start: Array, wanted: Array, rate:
     frames, fingers = np.nonzero(near)
     depths, slopes = probe.contacts(frames, fingers, angles[frames, fingers].astype(np.float32))
     reach = np.full(angles.shape[:2], LONGEST_STEP)
-    for _ in range(ITERATIONS):
+    fastest = fastest_steps(probe.hand, wanted, 1 / rate)
+    levers = _levers(probe.hand)
+    for iteration in range(ITERATIONS):
+        yield Progress(iteration / ITERATIONS, "moving the fingers out")
         links = _links(angles, rate)
         correction = angles - wanted
         steps = np.diff(correction, axis=0) * links[..., None]
@@ -73,24 +81,78 @@ def projected(probe: Probe, near: np.ndarray, start: Array, wanted: Array, rate:
             fixed |= beyond
             counted = counted | ahead
         moved = angles + step
-        new_depths, new_slopes = probe.contacts(frames, fingers, moved[frames, fingers].astype(np.float32))
-        # A finger that a step brings deeper than it was waits for a shorter one: what was free does not tunnel through to the other side.
-        deeper = new_depths.max(-1) > np.maximum(depths.max(-1), OVERSHOOT)
-        moved[frames[deeper], fingers[deeper]] = angles[frames[deeper], fingers[deeper]]
-        reach[frames, fingers] = np.where(deeper, reach[frames, fingers] * 0.4, np.minimum(reach[frames, fingers] * 1.5, LONGEST_STEP))
-        depths = np.where(deeper[:, None], depths, new_depths)
-        slopes = np.where(deeper[:, None, None], slopes, new_slopes)
+        yield Progress((iteration + 0.5) / ITERATIONS, "moving the fingers out")
+        # Only those are asked again that moved, and that may have come to touch.
+        way = (np.abs(step) * levers).sum(-1)[frames, fingers]
+        asked = np.flatnonzero((way > STILL) & (depths.max(-1) + way > -CLEARANCE))
+        new_depths, new_slopes = depths + way[:, None], slopes.copy()
+        new_depths[asked], new_slopes[asked] = probe.contacts(frames[asked], fingers[asked], moved[frames[asked], fingers[asked]].astype(np.float32))
+        # A finger that a step brings deeper than it was, or from which it leaps, waits for a shorter one: what was free does not tunnel through
+        # to the other side, neither in one frame nor between two.
+        waits = np.zeros(near.shape, bool)
+        waits[frames, fingers] = new_depths.max(-1) > np.maximum(depths.max(-1), OVERSHOOT)
+        waits = held_back(probe.hand, angles, moved, waits, fastest)
+        moved[waits] = angles[waits]
+        waiting = waits[frames, fingers]
+        reach[frames, fingers] = np.where(waiting, reach[frames, fingers] * 0.4, np.minimum(reach[frames, fingers] * 1.5, LONGEST_STEP))
+        depths = np.where(waiting[:, None], depths, new_depths)
+        slopes = np.where(waiting[:, None, None], slopes, new_slopes)
         angles = moved
     return angles.reshape(len(angles), -1).astype(np.float32)
 
 
-def may_touch(probe: Probe, angles: Array) -> np.ndarray:
-    """bool [T, 5]: which fingers are NEAR something at these angles [T, 20], or are so within MARGIN frames."""
+def _levers(hand: Hand) -> Array:
+    """How far away from each joint of a finger its points are at most [5, 4], metres; the last is the spread's."""
+    lengths = np.linalg.norm(np.diff(hand.chains(finger_angles(hand.rest_angles)), axis=-2), axis=-1)
+    reach = np.cumsum(lengths[:, ::-1], -1)[:, ::-1]
+    return np.concatenate((reach, reach[:, :1]), -1)
+
+
+def _tips(hand: Hand, angles: Array) -> Array:
+    return hand.chains(angles)[..., -1, :]
+
+
+def _apart(tips: Array) -> Array:
+    return np.linalg.norm(np.diff(tips, axis=0), axis=-1)
+
+
+def tip_steps(hand: Hand, angles: Array) -> Array:
+    """How far fingertips move in the palm [T - 1, 5], metres, at angles [T, 5, 4]."""
+    return _apart(_tips(hand, angles))
+
+
+def fastest_steps(hand: Hand, wanted: Array, seconds: float) -> Array:
+    """How far tips may move [T - 1, 5] from one to the next of wanted angles [T, 5, 4], which are some seconds apart."""
+    return np.maximum(FASTEST_TIP * hand.length * seconds, tip_steps(hand, wanted))
+
+
+def held_back(hand: Hand, angles: Array, moved: Array, waits: np.ndarray, fastest: Array) -> np.ndarray:
+    """Which fingers [T, 5] must wait besides those that do: those that go from angles [T, 5, 4] to others where they leap more than they did."""
+    before, after = _tips(hand, angles), _tips(hand, moved)
+    limits = np.maximum(fastest, _apart(before)) + 1e-6
+    while True:
+        fast = _apart(np.where(waits[..., None], before, after)) > limits
+        more = waits.copy()
+        more[1:] |= fast
+        more[:-1] |= fast
+        if (more == waits).all():
+            return waits
+        waits = more
+
+
+def may_touch(probe: Probe, angles: Array) -> tuple[np.ndarray, np.ndarray]:
+    """Two times bool [T, 5]: which fingers are NEAR something at these angles [T, 20], or are so within MARGIN frames; and which of them have to
+    move, or have to within half of that."""
     frames, fingers = every_row(len(angles))
-    near = probe.depths(frames, fingers, finger_angles(angles)[frames, fingers]).max(-1).reshape(len(angles), -1) > -NEAR
-    padded = np.concatenate((np.zeros((MARGIN + 1, near.shape[1]), int), np.cumsum(near, 0)), 0)
-    padded = np.concatenate((padded, padded[-1:].repeat(MARGIN, 0)))
-    return padded[2 * MARGIN + 1 :] > padded[: -2 * MARGIN - 1]
+    depths = probe.depths(frames, fingers, finger_angles(angles)[frames, fingers]).max(-1).reshape(len(angles), -1)
+    return _widened(depths > -NEAR, MARGIN), _widened(depths > -CLEARANCE, MARGIN // 2)
+
+
+def _widened(mask: np.ndarray, reach: int) -> np.ndarray:
+    """Where [T, 5] a mask is set within `reach` frames."""
+    padded = np.concatenate((np.zeros((reach + 1, mask.shape[1]), int), np.cumsum(mask, 0)), 0)
+    padded = np.concatenate((padded, padded[-1:].repeat(reach, 0)))
+    return padded[2 * reach + 1 :] > padded[: -2 * reach - 1]
 
 
 def pushed_out(probe: Probe, frames: np.ndarray, fingers: np.ndarray, start: Array, iterations: int) -> tuple[Array, Array]:
@@ -110,7 +172,7 @@ def pushed_out(probe: Probe, frames: np.ndarray, fingers: np.ndarray, start: Arr
         blocks[..., _DIAGONAL, _DIAGONAL] += DAMPING
         room = np.clip(limits[:, rows] - angles[rows], -LONGEST_PUSH, LONGEST_PUSH)
         step, fixed = np.zeros_like(push), np.zeros(push.shape, bool)
-        for _ in range(ROUNDS):
+        for _ in range(PUSH_ROUNDS):
             step = _within(_solve, blocks, push, fixed, step)
             beyond = (step < room[0]) | (step > room[1])
             step = np.clip(step, *room)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,7 @@ class Grid:
         return cls(float(stored["cell"]), np.array(stored["corner"]), bits.reshape(shape).astype(bool))
 
 
+@lru_cache
 def reachable_grid(cell: float = CELL, seed: int = 0) -> Grid:
     """The cells that phalanges of the standard hand reach anywhere within its limits, and those beside them."""
     hand, size = standard_hand(), cell / HAND_LENGTH
@@ -66,24 +68,38 @@ def reachable_grid(cell: float = CELL, seed: int = 0) -> Grid:
     unmoved = np.zeros((len(angles), 3), np.float32), np.tile(np.array([1, 0, 0, 0], np.float32), (len(angles), 1))
     starts, ends, _ = hand.capsules(angles, *unmoved, palm=False)
     points = np.concatenate([starts + (ends - starts) * share for share in (0.25, 0.5, 0.75, 1)], 1) @ hand.palm / hand.length
-    reached, often = np.unique(np.floor(points.reshape(-1, 3) / size).astype(int), axis=0, return_counts=True)
+    return visited_grid(size, points)
+
+
+def visited_grid(cell: float, points: Array) -> Grid:
+    """The cells in which several of the points [..., 3] are, and those beside them."""
+    reached, often = np.unique(np.floor(points.reshape(-1, 3) / cell).astype(int), axis=0, return_counts=True)
     reached = reached[often > 5]
     corner = reached.min(0) - 1
     inside = np.zeros(reached.max(0) - corner + 2, bool)
     for step in np.concatenate((np.zeros((1, 3), int), np.eye(3, dtype=int), -np.eye(3, dtype=int))):
         inside[tuple((reached - corner + step).T)] = True
-    return Grid(size, corner, inside)
+    return Grid(cell, corner, inside)
 
 
-def sense(grid: Grid, hand: Hand, wrists: tuple[Array, Array], nearest: Callable[[Array, Array], tuple[Array, Array]], frames: Array) -> Array:
-    """Occupancy [F, C] around the hand at `frames` int [F] of wrists (positions [T, 3], rotations [T, 4]).
+def surroundings(
+    grid: Grid, hand: Hand, wrists: tuple[Array, Array], nearest: Callable[[Array, Array], tuple[Array, Array]], frames: Array
+) -> tuple[Array, Array]:
+    """Distances [F, C] of the cells around the hand, metres, and normals [F, C, 3] in the palm's axes, at `frames` int [F] of wrists (positions
+    [T, 3], rotations [T, 4]).
 
     `nearest(frames, points [F, M, 3])` gives distances [F, M] and normals, as obstacle.over_time makes it.
     """
     in_wrist = grid.centres() @ hand.palm.T * hand.length
-    positions, rotations = wrists
-    points = in_wrist @ np.swapaxes(matrix_from_quat(rotations[frames]), -1, -2) + positions[frames, None]
-    return grid.occupancy(nearest(frames, points.astype(np.float32))[0] / hand.length)
+    rotations = matrix_from_quat(wrists[1][frames])
+    points = in_wrist @ np.swapaxes(rotations, -1, -2) + wrists[0][frames, None]
+    distances, normals = nearest(frames, points.astype(np.float32))
+    return distances, normals @ (rotations @ hand.palm)
+
+
+def sense(grid: Grid, hand: Hand, wrists: tuple[Array, Array], nearest: Callable[[Array, Array], tuple[Array, Array]], frames: Array) -> Array:
+    """Occupancy [F, C] of those cells."""
+    return grid.occupancy(surroundings(grid, hand, wrists, nearest, frames)[0] / hand.length)
 
 
 def wanted_places(hand: Hand, positions: Array) -> Array:

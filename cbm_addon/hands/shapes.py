@@ -5,14 +5,16 @@ Where the nearest point of the surface is not unique, the normal is that of one 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from ..motion.rotations import IDENTITY, Array, matrix_from_quat, normalize
-from .obstacle import Obstacle, empty
+from .obstacle import Obstacle, empty, nearest_of
 
+TOGETHER = 1024  # points that are looked up at a time: what they need then stays in the processor's own memory
 _TINY = 1e-9
 
 
@@ -31,6 +33,21 @@ class Sphere:
         offset = points - self.centre
         length = np.linalg.norm(offset, axis=-1)
         return (length - self.radius).astype(np.float32), _directions(offset, length)
+
+
+@dataclass(frozen=True)
+class Spheres:
+    """Many spheres: `centres` [C, 3], as large as `radii` [C]."""
+
+    centres: Array
+    radii: Array
+
+    def nearest(self, points: Array) -> tuple[Array, Array]:
+        squares = (points * points).sum(-1)[:, None] - 2 * points @ self.centres.T + (self.centres * self.centres).sum(-1)
+        chosen = (np.sqrt(np.maximum(squares, 0)) - self.radii).argmin(-1)
+        offset = points - self.centres[chosen]
+        length = np.linalg.norm(offset, axis=-1)
+        return (length - self.radii[chosen]).astype(np.float32), _directions(offset, length)
 
 
 @dataclass(frozen=True)
@@ -59,14 +76,14 @@ class Box:
 
     def nearest(self, points: Array) -> tuple[Array, Array]:
         local = (points - self.centre) @ self._matrix
-        sign = np.where(local < 0, -1, 1).astype(np.float32)
         beyond = np.abs(local) - self.half
         outside = np.maximum(beyond, 0)
-        length = np.linalg.norm(outside, axis=-1)
-        depth = beyond.max(-1)
-        face = np.eye(3, dtype=np.float32)[beyond.argmax(-1)]
-        normals = np.where((depth > 0)[:, None], normalize(outside), face) * sign
-        return np.where(depth > 0, length, depth).astype(np.float32), (normals @ self._matrix.T).astype(np.float32)
+        length, depth = np.sqrt(np.einsum("ni,ni->n", outside, outside)), np.maximum(np.maximum(beyond[:, 0], beyond[:, 1]), beyond[:, 2])
+        normals = outside / np.maximum(length, _TINY)[:, None]
+        inside = np.flatnonzero(depth <= 0)
+        normals[inside] = np.eye(3)[beyond[inside].argmax(-1)]
+        distance = np.where(depth > 0, length, depth)
+        return distance.astype(np.float32), (np.copysign(normals, local) @ self._matrix.T).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -108,14 +125,30 @@ class Capsules:
     ends: Array
     radii: Array
 
+    @property
+    def kind(self) -> object:
+        return Capsules, len(self.radii)
+
     def nearest(self, points: Array) -> tuple[Array, Array]:
-        along = self.ends - self.starts
-        share = np.einsum("nci,ci->nc", points[:, None] - self.starts, along) / np.maximum((along * along).sum(-1), _TINY)
-        offset = points[:, None] - (self.starts + np.clip(share, 0, 1)[..., None] * along)
-        length = np.linalg.norm(offset, axis=-1)
-        distance = length - self.radii
-        chosen = np.arange(len(points)), distance.argmin(-1)
-        return distance[chosen].astype(np.float32), _directions(offset[chosen], length[chosen])
+        return self.nearest_of_alike([self], np.zeros(len(points), int), points)
+
+    @staticmethod
+    def nearest_of_alike(obstacles: Sequence[Capsules], which: np.ndarray, points: Array) -> tuple[Array, Array]:
+        starts, ends, radii = (np.stack(values) for values in zip(*((each.starts, each.ends, each.radii) for each in obstacles), strict=True))
+        distances, normals = np.empty(len(points), np.float32), np.empty((len(points), 3), np.float32)
+        along = ends - starts
+        shares = along / np.maximum((along * along).sum(-1, keepdims=True), _TINY)
+        for first in range(0, len(points), TOGETHER):
+            here = slice(first, first + TOGETHER)
+            of = which[here] if len(obstacles) > 1 else slice(None)
+            beside = points[here, None] - starts[of]
+            share = np.clip(np.einsum("nci,nci->nc", beside, np.broadcast_to(shares[of], beside.shape)), 0, 1)
+            offset = beside - share[..., None] * along[of]
+            length = np.sqrt(np.einsum("nci,nci->nc", offset, offset))
+            distance = length - radii[of]
+            chosen = np.arange(len(distance)), distance.argmin(-1)
+            distances[here], normals[here] = distance[chosen], _directions(offset[chosen], length[chosen])
+        return distances, normals
 
 
 def together(capsules: list[Capsules]) -> Capsules:
@@ -134,13 +167,20 @@ class Union:
 
     parts: tuple[Obstacle, ...]
 
+    @property
+    def kind(self) -> object:
+        return Union, len(self.parts)
+
     def nearest(self, points: Array) -> tuple[Array, Array]:
+        return self.nearest_of_alike([self], np.zeros(len(points), int), points)
+
+    @staticmethod
+    def nearest_of_alike(obstacles: Sequence[Union], which: np.ndarray, points: Array) -> tuple[Array, Array]:
         distance, normals = empty().nearest(points)
-        for part in self.parts:
-            other, other_normals = part.nearest(points)
+        for parts in zip(*(each.parts for each in obstacles), strict=True):
+            other, other_normals = nearest_of(parts, which, points)
             closer = other < distance
-            distance = np.where(closer, other, distance)
-            normals = np.where(closer[:, None], other_normals, normals)
+            distance[closer], normals[closer] = other[closer], other_normals[closer]
         return distance, normals
 
 
@@ -152,10 +192,38 @@ class Moved:
     position: Array
     rotation: Array = field(default_factory=lambda: IDENTITY)
 
-    @cached_property
-    def _matrix(self) -> Array:
-        return matrix_from_quat(np.asarray(self.rotation, np.float32))
+    @property
+    def kind(self) -> object:
+        return Moved
 
     def nearest(self, points: Array) -> tuple[Array, Array]:
-        distance, normals = self.obstacle.nearest(((points - self.position) @ self._matrix).astype(np.float32))
-        return distance, (normals @ self._matrix.T).astype(np.float32)
+        return self.nearest_of_alike([self], np.zeros(len(points), int), points)
+
+    @staticmethod
+    def nearest_of_alike(obstacles: Sequence[Moved], which: np.ndarray, points: Array) -> tuple[Array, Array]:
+        positions = np.stack([each.position for each in obstacles]).astype(np.float32)
+        matrices = matrix_from_quat(np.stack([each.rotation for each in obstacles]).astype(np.float32))[which]
+        local = ((points - positions[which])[:, None] @ matrices)[:, 0]
+        distance, normals = nearest_of([each.obstacle for each in obstacles], which, local.astype(np.float32))
+        return distance, (matrices @ normals[..., None])[..., 0].astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """An obstacle `factor` times as large, about the origin."""
+
+    obstacle: Obstacle
+    factor: float
+
+    @property
+    def kind(self) -> object:
+        return Scaled, self.factor
+
+    def nearest(self, points: Array) -> tuple[Array, Array]:
+        return self.nearest_of_alike([self], np.zeros(len(points), int), points)
+
+    @staticmethod
+    def nearest_of_alike(obstacles: Sequence[Scaled], which: np.ndarray, points: Array) -> tuple[Array, Array]:
+        factor = np.float32(obstacles[0].factor)
+        distance, normals = nearest_of([each.obstacle for each in obstacles], which, (points / factor).astype(np.float32))
+        return distance * factor, normals

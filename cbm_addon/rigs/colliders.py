@@ -8,18 +8,9 @@ from itertools import pairwise
 import numpy as np
 
 from ..motion.rotations import Array, multiply, normalize, rotate
+from ..motion.thickness import FOOT, HEAD, LIMBS, NECK, NEXT, SKULL, TRUNK
 from .fingers import FingerBones
 from .rig import SIDES, Rig
-
-# Radii where a part begins and where it ends, and half of the distance between the two capsules that make a part wide; shares of the
-# standing height of the head joint (1.6 m in an adult).
-LIMBS = {"Arm": (0.034, 0.025, 0.0), "ForeArm": (0.027, 0.017, 0.0), "UpLeg": (0.057, 0.036, 0.0), "Leg": (0.037, 0.022, 0.0), "Foot": (0.024, 0.018, 0.008)}
-NEXT = {"Arm": "ForeArm", "ForeArm": "Hand", "UpLeg": "Leg", "Leg": "Foot", "Foot": "Toe"}
-TRUNK = (0.064, 0.064, 0.034)
-NECK = (0.035, 0.034, 0.0)
-HEAD = (0.058, 0.052, 0.0)
-SKULL = 0.02, 0.075  # where its capsule begins and ends above the head joint
-FOOT = 0.08  # length of a foot without toes
 
 SKIN = 75  # percentile of the distances of the skin around a part that is taken for its radius
 AROUND = 0.4, 2.0  # shares of the expected radius between which skin belongs to a part
@@ -48,7 +39,7 @@ def body_colliders(rig: Rig) -> list[Collider]:
     """The parts of a body of a rig's size, without its hands."""
     joints, above = rig.mapping.joints, rig.mapping.parents
     at = {joint: rig.head(bone) for joint, bone in joints.items()}
-    unit = at["Head"][2] - min(at[f"{side}Foot"][2] for side in SIDES)
+    unit = at["Head"][2] - min(at[f"{side}{name}"][2] for side in SIDES for name in ("Foot", "Toe") if f"{side}{name}" in at)
     left = normalize((at["LeftUpLeg"] - at["RightUpLeg"]) * [1, 1, 0])
 
     def part(joint: str, end: Array, sizes: tuple[float, float, float], start: Array | None = None) -> Collider:

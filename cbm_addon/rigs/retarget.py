@@ -13,10 +13,10 @@ from ..errors import InputError
 from ..motion.motion import Motion, local_rotations
 from ..motion.rotations import IDENTITY, Array, continuous, inverse, matrix_from_quat, multiply, quat_between, rotate
 from ..motion.skeleton import Skeleton
+from ..motion.transfer import transfer
 from .body import PLAUSIBLE_SOLE, RigBody, rig_body
 from .recognize import recognized
 from .rig import FINGER_JOINTS, SIDES, Bones, Rig
-from .transfer import transfer
 
 POSES_TRIED = 20  # of a motion without a sound rest pose
 STANDS = 2  # percentile of the height of the lower ankle that is taken for standing

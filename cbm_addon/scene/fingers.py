@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import bpy
@@ -16,13 +15,14 @@ from ..hands.model import load_hand_model
 from ..hands.poses import POSES, controller_pose
 from ..motion.rotations import Array, angle, quat_between, rotate
 from ..progress import Progress, part
-from ..rigs.fingers import finger_poses, finger_turns
+from ..rigs.fingers import finger_poses, finger_turns, hands_with_fingers
 from ..rigs.tables import Table
 from ..takes.take import Take
-from .action import Channel, curves_of, new_action, rotation_channel, scene_rate, unlocked_animation
+from .action import Channel, new_action, rotation_channel, scene_rate, unlocked_animation
 from .bake import PART
+from .layers import remove_earlier, require_layer, without_earlier
 from .nla import play_above
-from .rig import require_editable
+from .rig import read_rig
 from .rigged_hands import RiggedHands, Surroundings, bone_matrices, obstacles_of, played, rigged_hands, rotations_of
 
 FINGERS = "fingers"  # what the actions that are written here are marked with
@@ -107,14 +107,14 @@ def pose_fingers(context: bpy.types.Context, armature: bpy.types.Object, options
     """
     started = time.perf_counter()
     scene = context.scene
-    _require_posable(armature)
+    require_layer(armature)
     rigged = rigged_hands(armature, options.sides, options.table)
     first, last = options.frames or (scene.frame_start, scene.frame_end)
     if last < first:
         raise InputError(f"frames {first} to {last}", "are none; the first must not be after the last")
     frames = np.arange(first, last + 1)
     seen = Surroundings(rigged, obstacles_of(rigged, options.collection))
-    with _without_earlier(armature):
+    with without_earlier(armature, FINGERS):
         for i, depsgraph in enumerate(played(context, frames)):
             yield Progress(0.3 * i / len(frames), f"reading frame {frames[i]}")
             seen.look(depsgraph)
@@ -136,13 +136,9 @@ def pose_fingers(context: bpy.types.Context, armature: bpy.types.Object, options
     return FingerReport(action.name, len(frames), int(first), scene_rate(scene), seconds, seen.obstacles.names, reports, off)
 
 
-def _require_posable(armature: bpy.types.Object) -> None:
-    """InputError if an action of fingers could not be added, or would not play."""
-    require_editable(armature)
-    if armature.animation_data:
-        unlocked_animation(armature)
-        if any(track.is_solo for track in armature.animation_data.nla_tracks):
-            raise InputError(armature.name, "one of its NLA tracks is played alone; switch that off, or the fingers' own track would not play")
+def has_fingers(armature: bpy.types.Object, table: Table | None = None) -> bool:
+    """Whether there is a hand whose fingers can be posed."""
+    return bool(hands_with_fingers(read_rig(armature, table)))
 
 
 def _wanted(scene: bpy.types.Scene, rigged: RiggedHands, seen: Surroundings, side: str, frames: np.ndarray, take: Take | None) -> tuple[str, Array]:
@@ -161,38 +157,15 @@ def _wanted(scene: bpy.types.Scene, rigged: RiggedHands, seen: Surroundings, sid
 # What is written
 
 
-@contextmanager
-def _without_earlier(armature: bpy.types.Object) -> Iterator[None]:
-    """Mutes what was written earlier, so that what the user animates is read."""
-    tracks = [track for track in _own_tracks(armature) if not track.mute]
-    for track in tracks:
-        track.mute = True
-    try:
-        yield
-    finally:
-        for track in tracks:
-            track.mute = False
-
-
-def _own_tracks(armature: bpy.types.Object) -> list[bpy.types.NlaTrack]:
-    """The tracks that finger posing has made."""
-    data = armature.animation_data
-    tracks = data.nla_tracks if data else ()
-    return [track for track in tracks if track.strips and all(strip.action and strip.action.get(PART) == FINGERS for strip in track.strips)]
-
-
 def _write(rigged: RiggedHands, frames: np.ndarray, seen: Surroundings, turns: dict[str, Array]) -> bpy.types.Action:
     """The action of all posed fingers on a track of its own, in the place of earlier ones that hold nothing else."""
     armature = rigged.armature
-    data = unlocked_animation(armature)
+    unlocked_animation(armature)
     channels = [channel for side in turns for channel in _channels(rigged, seen, side, turns[side])]
     action, slot = new_action(armature, f"{armature.name} Fingers", frames, channels)
     action[PART], action.use_fake_user = FINGERS, True
     paths = {channel.data_path for channel in channels}
-    for track in _own_tracks(armature):
-        earlier = {curve.data_path for strip in track.strips for curve in curves_of(strip.action, getattr(strip, "action_slot", None))}
-        if earlier <= paths:
-            data.nla_tracks.remove(track)
+    remove_earlier(armature, FINGERS, paths)
     play_above(armature, action, slot, frames)
     return action
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 
-from .action import Channel, action_curves, curves_of, new_action
+from ..motion.rotations import Array
+from .action import Channel, action_curves, animated_paths, curves_of, new_action
 
 PART = "cbm_part"  # custom property of a baked action: "full", "lower", or "upper" for what goes with a lower one
 
@@ -20,8 +23,10 @@ def play_below(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.typ
     return add_strip(data, action, slot, start, end)
 
 
-def play_above(obj: bpy.types.Object, action: bpy.types.Action, slot: bpy.types.ActionSlot | None, frames: np.ndarray) -> bpy.types.NlaStrip:
-    """Plays an action over `frames` [T] as an NLA strip above everything else that moves the object.
+def play_above(
+    obj: bpy.types.Object, action: bpy.types.Action, slot: bpy.types.ActionSlot | None, frames: np.ndarray, stretches: list[tuple[int, int]] | None = None
+) -> list[bpy.types.NlaStrip]:
+    """Plays an action over `frames` [T], or only over some stretches of them, as NLA strips above everything else that moves the object.
 
     The object's own action stays the active one, and below ours where they differ. If it has curves of the same properties it becomes a
     strip itself, because Blender evaluates the active action last.
@@ -32,10 +37,29 @@ def play_above(obj: bpy.types.Object, action: bpy.types.Action, slot: bpy.types.
         below, slot_below, blending = data.action, getattr(data, "action_slot", None), data.action_blend_type
         data.action = None
         play_below(data, below, slot_below, frames).blend_type = blending
-    strip = add_strip(data, action, slot, frames[0], max(frames[-1], frames[0] + 1))
-    strip.extrapolation = "NOTHING"
+    track, strips = None, []
+    for start, end in stretches or [(int(frames[0]), int(max(frames[-1], frames[0] + 1)))]:
+        strip = add_strip(data, action, slot, start, end, track)
+        strip.extrapolation = "NOTHING"
+        strips.append(strip)
+        track = data.nla_tracks[-1]
     data.use_nla = True
-    return strip
+    return strips
+
+
+def hold_unkeyed(obj: bpy.types.Object, name: str, channels: list[Channel], frames: np.ndarray) -> None:
+    """Plays what properties of `channels` that nothing animates have now, as a strip below those that will animate them: where no strip does,
+    Blender would give them their defaults, and what it played last is left in them when strips are muted."""
+    known = animated_paths(obj)
+    held = [replace(channel, values=_value(obj, channel.data_path)) for channel in channels if channel.data_path not in known]
+    if held:
+        action, slot = new_action(obj, name, frames[:1], held)
+        add_strip(obj.animation_data, action, slot, frames[0], max(frames[-1], frames[0] + 1))
+
+
+def _value(obj: bpy.types.Object, path: str) -> Array:
+    """What a property is now, [1, C]."""
+    return np.atleast_1d(np.array(obj.path_resolve(path), dtype=np.float64))[None]
 
 
 def play_upper(obj: bpy.types.Object, name: str, frames: np.ndarray, channels: list[Channel]) -> None:
@@ -61,13 +85,23 @@ def push_down(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.type
     data.nla_tracks[-1].mute = True
 
 
-def add_strip(data: bpy.types.AnimData, action: bpy.types.Action, slot: bpy.types.ActionSlot | None, start: float, end: float) -> bpy.types.NlaStrip:
-    """A strip of an action on a new track above the others, whose frames from `start` to `end` play where they are."""
-    track = data.nla_tracks.new()
-    track.name = action.name
-    strip = track.strips.new(action.name, int(start), action)
+def add_strip(
+    data: bpy.types.AnimData,
+    action: bpy.types.Action,
+    slot: bpy.types.ActionSlot | None,
+    start: float,
+    end: float,
+    track: bpy.types.NlaTrack | None = None,
+) -> bpy.types.NlaStrip:
+    """A strip of an action, whose frames from `start` to `end` play where they are, on a new track above the others or on one that has room."""
+    if track is None:
+        track = data.nla_tracks.new()
+        track.name = action.name
+    after = int(max((strip.frame_end for strip in track.strips), default=start - 1)) + 1  # a new strip is as long as its action, and must find room
+    strip = track.strips.new(action.name, after, action)
     if slot is not None:
         strip.action_slot = slot
     strip.action_frame_start, strip.action_frame_end = start, end  # wide enough for the curves' own extrapolation to show
-    strip.frame_start, strip.frame_end = start, end
+    for _ in range(2):  # neither end may pass the other on its way
+        strip.frame_start, strip.frame_end = start, end
     return strip

@@ -121,11 +121,13 @@ class Surroundings:
         """What a hand may meet at a frame: the scene, the body without the arm that it is on, and the other hand at its angles [T, 20]."""
         joints = self._rigged.rig.mapping.joints
         own = {joints[side + joint] for joint in OWN_ARM}
+        parts = [(part, motions) for part, motions in self._motions if part.bone not in own]
+        near_parts = [_nearest(part, motions, self.wrists[side][0]) < REACH for part, motions in parts]
         others = {other: self._rigged.hands[other].capsules(angles[other], *self.wrists[other]) for other in angles if other != side}
 
         def at(frame: int) -> Obstacle:
             wrist = self.wrists[side][0][frame]
-            near = [part.at(motion) for part, motion in self.body(frame) if part.bone not in own and _nearest(part, motion, wrist) < REACH]
+            near = [part.at(motions[frame]) for (part, motions), is_near in zip(parts, near_parts, strict=True) if is_near[frame]]
             for other, (starts, ends, radii) in others.items():
                 if np.linalg.norm(wrist - self.wrists[other][0][frame]) < 2 * REACH:
                     near.append(Capsules(starts[frame], ends[frame], radii))
@@ -138,13 +140,19 @@ class Surroundings:
 
     def body(self, frame: int) -> Iterator[tuple[BodyPart, Array]]:
         """The parts of the body and how their bones are moved from rest [4, 4]."""
-        for part, to_rest in zip(self._rigged.body, self._to_rest, strict=True):
-            yield part, self._world[frame][self._bones[part.bone]] @ to_rest
+        for part, motions in self._motions:
+            yield part, motions[frame]
+
+    @cached_property
+    def _motions(self) -> list[tuple[BodyPart, Array]]:
+        """The parts of the body and how their bones are moved from rest [T, 4, 4]."""
+        world = np.stack(self._world)
+        return [(part, world[:, self._bones[part.bone]] @ to_rest) for part, to_rest in zip(self._rigged.body, self._to_rest, strict=True)]
 
 
-def _nearest(part: BodyPart, motion: Array, wrist: Array) -> float:
-    """How far a wrist is from a part of the body, at least."""
-    return float(np.linalg.norm(motion[:3, :3] @ part.middle + motion[:3, 3] - wrist)) - part.size
+def _nearest(part: BodyPart, motions: Array, wrists: Array) -> Array:
+    """How far wrists [T, 3] are from a part of the body, at least [T]."""
+    return np.linalg.norm(motions[:, :3, :3] @ part.middle + motions[:, :3, 3] - wrists, axis=-1) - part.size
 
 
 def played(context: bpy.types.Context, frames: np.ndarray) -> Iterator[bpy.types.Depsgraph]:

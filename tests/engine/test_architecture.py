@@ -23,13 +23,14 @@ ROOMS_KNOWN = {
     "motion": set(),
     "takes": {"motion"},
     "features": {"motion", "takes"},
-    "learn": {"motion", "takes", "features", "solve", "hands"},  # it exports the cards that solve/models.py and hands/model.py read
+    "learn": {"motion", "takes", "features", "solve", "hands", "body"},  # it exports the cards that their models read
     "solve": {"motion", "takes", "features"},
     "rigs": {"motion", "takes", "features"},
     "hands": {"motion"},
-    "evaluate": {"motion", "takes", "features", "learn", "solve", "rigs", "hands"},
-    "scene": {"motion", "takes", "solve", "rigs", "hands"},
-    "commands": {"motion", "takes", "features", "learn", "solve", "rigs", "hands", "evaluate", "scene"},
+    "body": {"motion", "hands"},
+    "evaluate": {"motion", "takes", "features", "learn", "solve", "rigs", "hands", "body"},
+    "scene": {"motion", "takes", "solve", "rigs", "hands", "body"},
+    "commands": {"motion", "takes", "features", "learn", "solve", "rigs", "hands", "body", "evaluate", "scene"},
 }
 LIBRARIES_KNOWN = {
     "bpy": {"scene", "operators", "panels", "__init__"},

@@ -24,7 +24,7 @@ from cbm_addon.hands.shapes import Box, Sphere
 from cbm_addon.hands.standard import standard_hand
 from cbm_addon.hands.sweep import swept, wrapped
 from cbm_addon.motion.rotations import IDENTITY
-from cbm_addon.progress import Progress, run
+from cbm_addon.progress import Progress, blocks, run
 
 FRAMES, RATE = 60, 24.0
 DEFAULT = FingerOptions()
@@ -131,6 +131,22 @@ def test_the_job_says_how_far_it_is() -> None:
     shares = [event.share for event in events]
     assert shares == sorted(shares)
     assert len(shares) >= 4
+    assert len(shares) > 40, "it can be stopped at any time"
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3])
+def test_even_a_single_frame_is_freed(frames: int) -> None:
+    wanted = np.tile(POSES["fist"], (frames, 1))
+    result = run(avoiding(standard_hand(), still(frames), wanted, lambda frame: rising_ball(29), RATE, None, DEFAULT))
+    assert result.before.min() > 0.01
+    assert result.after.max() < 0.0005
+
+
+def test_what_is_looked_at_at_once_grows_until_it_is_enough() -> None:
+    found = list(blocks(20, 4))
+    assert [block.stop - block.start for block in found] == [1, 2, 4, 4, 4, 4, 1]
+    assert np.array_equal(np.concatenate([np.arange(20)[block] for block in found]), np.arange(20))
+    assert not list(blocks(0, 4))
 
 
 def test_wrong_shapes_are_named() -> None:

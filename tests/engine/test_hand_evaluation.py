@@ -10,9 +10,11 @@ import pytest
 from cbm_addon.cli import main
 from cbm_addon.evaluate.hands.measures import Manifold, before, measured, summed
 from cbm_addon.evaluate.hands.methods import gradient, sweep
-from cbm_addon.evaluate.hands.picture import png
 from cbm_addon.evaluate.hands.recordings import recorded_angles
 from cbm_addon.evaluate.hands.scenes import FRAMES, RATE, Scene, scenes
+from cbm_addon.evaluate.tracing import png
+from cbm_addon.hands.avoid import FingerOptions, avoiding
+from cbm_addon.hands.model import load_hand_model
 from cbm_addon.progress import run
 
 
@@ -54,6 +56,16 @@ def test_baselines_pierce_less_than_what_was_wanted(every_scene: list[Scene]) ->
         assert row.beyond < 1e-3
 
 
+@pytest.mark.parametrize("name", ["sphere", "thigh"])
+def test_on_smooth_solids_fingertips_neither_pierce_nor_leap(every_scene: list[Scene], name: str) -> None:
+    scene = next(scene for scene in every_scene if scene.name == name)
+    result = run(avoiding(scene.hand, scene.wrists, scene.wanted, scene.obstacles, RATE, load_hand_model(threads=1), FingerOptions()))
+    figures = summed([measured(scene, before(scene), result.angles, None)], fastest=302.0)
+    assert figures["max_depth_mm"] < 0.5
+    assert figures["smooth_step_mm"] < 25
+    assert figures["too_fast_percent"] < 0.6
+
+
 def test_a_picture_is_a_png() -> None:
     data = png(np.zeros((4, 6, 3), np.uint8))
     assert data.startswith(b"\x89PNG")
@@ -63,6 +75,12 @@ def test_a_picture_is_a_png() -> None:
 def test_without_clips_the_body_is_not_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate"]) == 2
     assert "CLIP" in capsys.readouterr().err
+
+
+def test_without_its_model_the_hands_are_not_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", "--hands", "--model", str(tmp_path / "nowhere"), "--report", str(tmp_path / "report"), "--quiet"]) == 2
+    assert "nowhere: is not a model" in capsys.readouterr().err
+    assert not list((tmp_path / "report").iterdir())
 
 
 @pytest.mark.needs_data

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cbm_addon.hands.obstacle import FAR, Obstacle, empty
+from cbm_addon.hands.obstacle import FAR, Obstacle, empty, nearest_of
 from cbm_addon.hands.shapes import Box, Capsules, Cylinder, HalfSpace, Moved, Sphere, Union, capsule
 from cbm_addon.motion.rotations import normalize, quat_from_rotvec, rotate
 
@@ -92,3 +92,26 @@ def test_without_obstacle_everything_is_far() -> None:
     assert (distance >= FAR).all()
     np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1)
     assert (Union(()).nearest(np.zeros((5, 3), np.float32))[0] >= FAR).all()
+
+
+@given(seed=seeds)
+@settings(max_examples=20, deadline=None)
+def test_obstacles_that_are_asked_together_answer_as_each_by_itself(seed: int) -> None:
+    random = np.random.default_rng(seed)
+
+    def somewhere(obstacle: Obstacle) -> Moved:
+        return Moved(obstacle, random.normal(size=3).astype(np.float32), quat_from_rotvec(random.normal(size=3)).astype(np.float32))
+
+    def lines(count: int) -> Capsules:
+        ends = random.normal(size=(2, count, 3)).astype(np.float32) * 0.2
+        return Capsules(*ends, random.uniform(0.01, 0.1, count).astype(np.float32))
+
+    ball = shape("sphere", random)
+    obstacles = [ball, lines(3), lines(3), lines(2), somewhere(ball), somewhere(lines(3)), Union((ball, lines(2))), Union((somewhere(ball), ball)), ball]
+    which, points = random.integers(0, len(obstacles), 300), random.normal(size=(300, 3)).astype(np.float32) * 0.3
+    distances, normals = nearest_of(obstacles, which, points)
+    for index, obstacle in enumerate(obstacles):
+        of = which == index
+        expected, expected_normals = obstacle.nearest(points[of])
+        np.testing.assert_allclose(distances[of], expected, atol=1e-6)
+        np.testing.assert_allclose(normals[of], expected_normals, atol=1e-5)

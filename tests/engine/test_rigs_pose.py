@@ -20,11 +20,11 @@ from cbm_addon.motion.rotations import (
     quat_from_rotvec,
 )
 from cbm_addon.motion.skeleton import STANDARD_BODY
+from cbm_addon.motion.transfer import transfer
 from cbm_addon.rigs.body import DOWN, OUTWARD, rig_body
 from cbm_addon.rigs.pose import bone_poses, rotation_values
 from cbm_addon.rigs.recognize import recognized
 from cbm_addon.rigs.rig import FINGER_JOINTS, Bones, Rig
-from cbm_addon.rigs.transfer import transfer
 from tests.sample_rigs import POSES, SAMPLE_RIGS, bones_at_rest, evaluate, transform
 
 

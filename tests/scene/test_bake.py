@@ -11,9 +11,9 @@ import pytest
 from cbm_addon.motion.contacts import contact_labels
 from cbm_addon.motion.rotations import multiply, quat_from_rotvec
 from cbm_addon.motion.skeleton import BODY_JOINTS
+from cbm_addon.motion.transfer import transfer
 from cbm_addon.progress import run
 from cbm_addon.rigs.body import rig_body
-from cbm_addon.rigs.transfer import transfer
 from cbm_addon.scene.action import action_curves, curves_of, rotation_channel, write_action
 from cbm_addon.scene.bake import BakeOptions, BakeReport, bake, rig_channels, take_scale
 from cbm_addon.scene.rig import read_rig

@@ -21,7 +21,7 @@ from cbm_addon.scene.fingers import FingerReport, PoseOptions, pose_fingers
 from cbm_addon.scene.rig import read_rig
 from cbm_addon.scene.rigify import rigify_metarig
 from cbm_addon.takes.take import Take
-from tests.hand_scenes import SCENES, HandScene, add_things, animate, evaluated_matrices
+from tests.hand_scenes import SCENES, HandScene, add_things, animate, evaluated_matrices, strip_curves
 from tests.sample_rigs import SAMPLE_RIGS, add_armature, bones_at_rest, renamed
 
 FRAMES = 12
@@ -157,13 +157,6 @@ def test_an_action_without_finger_keys_stays_the_active_one(mixamo):
     assert [track.name for track in mixamo.animation_data.nla_tracks] == [report.action]
     assert {hand.wanted for hand in report.hands.values()} == {"relaxed"}
     assert depths(mixamo, shape).max() < 1e-3
-
-
-def strip_curves(armature: bpy.types.Object, unwanted) -> None:
-    data = armature.animation_data
-    curves = data.action.fcurves if not hasattr(data.action, "slots") else data.action.layers[0].strips[0].channelbag(data.action_slot).fcurves
-    for curve in [curve for curve in curves if unwanted(curve)]:
-        curves.remove(curve)
 
 
 def test_outside_of_the_frames_the_users_fingers_show(mixamo):

@@ -11,9 +11,9 @@ import pytest
 
 from cbm_addon.errors import InputError
 from cbm_addon.motion.resample import frame_times
+from cbm_addon.motion.transfer import transfer
 from cbm_addon.progress import run
 from cbm_addon.rigs.body import rig_body
-from cbm_addon.rigs.transfer import transfer
 from cbm_addon.scene.action import scene_frames, write_action
 from cbm_addon.scene.bake import rig_channels
 from cbm_addon.scene.preview import BESIDE_SIZE, MOMENTS, ROW_SIZE, VIDEO_FRAMES, VIDEO_RATE, Shot, check_preview, render_preview, video_frames

@@ -10,10 +10,10 @@ import pytest
 
 from cbm_addon.motion.contacts import CONTACT_JOINTS, contact_labels
 from cbm_addon.motion.motion import Motion
+from cbm_addon.motion.transfer import transfer
 from cbm_addon.progress import run
 from cbm_addon.rigs.body import RigBody, rig_body
 from cbm_addon.rigs.rig import Rig
-from cbm_addon.rigs.transfer import transfer
 from cbm_addon.scene.action import Channel, action_curves, write_action
 from cbm_addon.scene.bake import rig_channels
 from cbm_addon.scene.reduction import Reduction, ReductionReport, reducing_channels

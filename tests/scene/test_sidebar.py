@@ -57,9 +57,17 @@ def draw(extension: ModuleType):
 
 def test_its_five_steps_stand_in_order(draw):
     headings = [text for text in draw() if text[:2] in {f"{step}." for step in range(1, 7)}]
-    assert headings == ["1. Take", "2. Rig", "3. Model", "4. Bake", "5. Fingers"]
+    assert headings == ["1. Take", "2. Rig", "3. Model", "4. Bake", "5. Fingers and Body"]
 
 
 def test_it_shows_what_became_of_the_fingers(draw):
     bpy.context.scene.cbm.fingers.summary = "Left: 9 of 10 frames pierced, 0 do now"
     assert any("frames pierced" in text for text in draw())
+
+
+def test_it_clears_the_body_and_shows_what_became_of_it(draw):
+    shown = draw()
+    assert shown.index("5. Fingers and Body") < shown.index("hold") < shown.index("cbm.clear_body")
+    assert not any("meets nothing" in text for text in shown)
+    bpy.context.scene.cbm.fingers.body_summary = "the body meets nothing in 10 frames"
+    assert any("meets nothing" in text for text in draw())

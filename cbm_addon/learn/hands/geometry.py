@@ -94,6 +94,16 @@ def random_solids(near: Array, normals: Array, random: np.random.Generator) -> S
     return Solids(*(values.astype(np.float32) for values in (centres, turn, halves, rounding, zero)))
 
 
+def fitted_solids(solid: Solids, outwards: Array, points: Array, radii: Array, gap: Array, there: np.ndarray) -> Solids:
+    """Solids [N] moved along `outwards` [N, 3] until they leave a `gap` [N] to points [N, M, 3] that are `radii` [M] thick; what is left of them then
+    gives way. Those that are not `there` [N] are far away."""
+    for _ in range(3):
+        shift = np.where(there, gap - (solid.distances(points) - radii).min(-1), 2 * LARGE)
+        solid = replace(solid, centres=(solid.centres + outwards * np.maximum(shift, 0)[:, None]).astype(np.float32))
+    offset = np.where(there, gap - (solid.distances(points) - radii).min(-1), 0)
+    return replace(solid, offset=offset.astype(np.float32))
+
+
 def shape_samples(bank: HandBank, grid: Grid, count: int, random: np.random.Generator) -> Samples:
     """Solid shapes whose surface gives way until it touches a free pose, or leaves a gap, and a wanted pose some fingers of which are bent into
     them."""
@@ -108,11 +118,7 @@ def shape_samples(bank: HandBank, grid: Grid, count: int, random: np.random.Gene
         solid = random_solids(near, -outwards, random)
         gap = np.where(random.random(count) < 0.7, 0, random.exponential(0.04, size=count))
         there = random.random(count) < share
-        for _ in range(3):  # out of the hand; what is left of it gives way below
-            shift = np.where(there, gap - (solid.distances(points) - radii).min(-1), 2 * LARGE)
-            solid = replace(solid, centres=(solid.centres + outwards * np.maximum(shift, 0)[:, None]).astype(np.float32))
-        offset = np.where(there, gap - (solid.distances(points) - radii).min(-1), 0)
-        solid = replace(solid, offset=offset.astype(np.float32))
+        solid = fitted_solids(solid, outwards, points, radii, gap, there)
         distances[there] = np.minimum(distances[there], solid.part(there).distances(grid.centres()))
         solids.append(solid)
     wanted = _bent_into(hand, angles, solids, random)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..motion.motion import Motion, local_rotations
-from ..motion.rotations import Array, continuous, slerp
-from ..motion.skeleton import Skeleton
+from .motion import Motion, local_rotations
+from .rotations import Array, continuous, slerp
+from .skeleton import Skeleton
 
 
 def transfer(motion: Motion, body: Skeleton, scale: float = 1.0) -> Motion:
