@@ -6,6 +6,7 @@ from collections.abc import Generator
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from .. import __version__
@@ -47,10 +48,11 @@ def train_model(
         for networks in trained:
             keep_some(start, networks, config.keep)
             networks.history = before["modes"][networks.mode.name]["history"] + networks.history
-        trained += _taken_over(start, config, data)
     for networks in trained:
         networks.modules().eval()
         networks.manners = manners(data["validation"], networks)
+    if start and before:
+        trained += _taken_over(start, config, data)
     facts = {
         "name": config.name,
         "version": __version__,
@@ -77,6 +79,7 @@ def _taken_over(folder: Path, config: TrainConfig, data: dict[str, Dataset]) -> 
         if name not in config.modes:
             networks = build(data["train"], MODES[name], config)
             start_from(folder, networks)
-            networks.history = entry["history"]
+            networks.modules().eval()
+            networks.history, networks.manners = entry["history"], np.array(entry["manners"], np.float32)
             found.append(networks)
     return found

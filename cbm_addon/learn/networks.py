@@ -68,6 +68,11 @@ def matching_loss(kind: str, encoder: Tensor, estimator: Tensor) -> Tensor:
     return (q * (log_q - log_p)).sum((-1, -2)).mean() - 0.1 * (q * log_q).sum((-1, -2)).mean()
 
 
+def mean_error(predicted: Tensor, truth: Tensor, importance: Tensor | float = 1.0) -> Tensor:
+    """Mean squared error of features [N, outputs]; `importance` [outputs] says how much each number counts, 1 on average."""
+    return ((predicted.float() - truth).square() * importance).mean()
+
+
 class CodebookMatching(nn.Module):
     """Encoder (y, x -> code), estimator (x -> code) and decoder (code, x -> y), all on normalised features.
 
@@ -92,8 +97,8 @@ class CodebookMatching(nn.Module):
         """Sequences [N, outputs] from codes [N, C, D] and inputs [N, inputs]."""
         return self.decoder(torch.cat((codes.flatten(-2).to(x.dtype), self.thin(x)), -1))
 
-    def losses(self, x: Tensor, y: Tensor, matching: str) -> tuple[Tensor, Tensor]:
-        """Reconstruction (eq. 2) and matching (eq. 3).
+    def losses(self, x: Tensor, y: Tensor, matching: str, importance: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
+        """Reconstruction (eq. 2), in which numbers count by `importance`, and matching (eq. 3).
 
         The ablations of the paper's table 5: not `sampled`, the likeliest code is decoded; not `end_to_end`, the encoder does not feel the
         matching.
@@ -101,7 +106,7 @@ class CodebookMatching(nn.Module):
         encoder = self.logits(self.encoder, torch.cat((y, x), -1))
         estimator = self.logits(self.estimator, x)
         codes = sample_codes(encoder) if self.sampled else likeliest_codes(encoder)
-        reconstruction = F.mse_loss(self.decode(codes, x).float(), y)
+        reconstruction = mean_error(self.decode(codes, x), y, importance)
         return reconstruction, matching_loss(matching, encoder if self.end_to_end else encoder.detach(), estimator)
 
     @torch.no_grad()

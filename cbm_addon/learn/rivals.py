@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from .networks import after, network
+from .networks import after, mean_error, network
 
 DIMENSIONS = 32  # of the Gaussian latent
 QUANTILES = 32  # classes by which the solver draws one of its numbers
@@ -38,12 +38,12 @@ class ConditionalVae(nn.Module):
     def decode(self, codes: Tensor, x: Tensor) -> Tensor:
         return self.decoder(torch.cat((codes.flatten(-2).to(x.dtype) @ self.table.T.to(x.dtype), x), -1))
 
-    def losses(self, x: Tensor, y: Tensor, matching: str) -> tuple[Tensor, Tensor]:
+    def losses(self, x: Tensor, y: Tensor, matching: str, importance: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
         """Reconstruction, and the divergence from the prior in nats."""
         mean, log_variance = self.encoder(torch.cat((y, x), -1)).float().chunk(2, -1)
         z = mean + torch.randn_like(mean) * (0.5 * log_variance).exp()
         divergence = 0.5 * (mean.square() + log_variance.exp() - 1 - log_variance).sum(-1).mean()
-        return F.mse_loss(self.decoder(torch.cat((z.to(x.dtype), x), -1)).float(), y), divergence
+        return mean_error(self.decoder(torch.cat((z.to(x.dtype), x), -1)), y, importance), divergence
 
     @torch.no_grad()
     def decoder_of_codes(self) -> nn.Sequential:
@@ -67,11 +67,11 @@ class ContinuousMatching(nn.Module):
     def decode(self, codes: Tensor, x: Tensor) -> Tensor:
         return self.decoder(torch.cat((self.match(x), x), -1))
 
-    def losses(self, x: Tensor, y: Tensor, matching: str) -> tuple[Tensor, Tensor]:
+    def losses(self, x: Tensor, y: Tensor, matching: str, importance: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
         """Reconstruction, and the squared distance of the latents, whose size is fixed so that it cannot be had by shrinking them."""
         latent = F.layer_norm(self.encoder(torch.cat((y, x), -1)).float(), (self.encoder[-1].out_features,))
         distance = (latent - self.match(x).float()).square().sum(-1).mean()
-        return F.mse_loss(self.decoder(torch.cat((latent.to(x.dtype), x), -1)).float(), y), distance
+        return mean_error(self.decoder(torch.cat((latent.to(x.dtype), x), -1)), y, importance), distance
 
     @torch.no_grad()
     def decoder_of_codes(self) -> nn.Sequential:

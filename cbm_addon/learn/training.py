@@ -7,12 +7,12 @@ import math
 import time
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
 
 from ..errors import InputError
 from ..features import CONTROL, LOWER_BODY, LOWER_JOINTS, MODES, TRACKERS, Mode
@@ -20,12 +20,14 @@ from ..progress import Progress, part
 from .augment import misjudge_height
 from .config import Trainable, TrainConfig
 from .dataset import Dataset
-from .networks import Blind, CodebookMatching, sample_codes, trunk
+from .networks import Blind, CodebookMatching, mean_error, sample_codes, trunk
 from .rivals import ConditionalVae, ContinuousMatching
 from .statistics import Statistics
 
 Stage2 = CodebookMatching | ConditionalVae | ContinuousMatching
 ENCODER_SHARE = 0.2  # of the steps, in which the encoder of a model that is trained further finds the codes of its decoder
+NEAR, FAR = 3.0, 0.3  # causally: frames over which a prediction's importance falls, and what is left of it for the last ones
+CONTACTS = 3.0  # and how much more contacts count than other numbers
 LOSSES = ("control", "regression", "reconstruction", "matching")
 LAYOUTS = {"window": TRACKERS, "control": CONTROL, "lower_body": LOWER_BODY}
 
@@ -58,8 +60,23 @@ class Networks:
     def losses(self, window: Tensor, control: Tensor, lower: Tensor, matching: str) -> Tensor:
         """LOSSES: the errors of control, regression and reconstruction (eq. 2), and the matching loss (eq. 3)."""
         features = self.trunk(window)
-        reconstruction, matched = self.lower_body.losses(features, lower, matching)
-        return torch.stack((F.mse_loss(self.control(features).float(), control), F.mse_loss(self.regression(features).float(), lower), reconstruction, matched))
+        important = importance(self.mode)
+        reconstruction, matched = self.lower_body.losses(features, lower, matching, important)
+        regression = mean_error(self.regression(features), lower, important)
+        return torch.stack((mean_error(self.control(features), control), regression, reconstruction, matched))
+
+
+@cache
+def importance(mode: Mode) -> Tensor:
+    """How much each number of the lower body over a sequence counts in training, flat [S * size], 1 on average.
+
+    Causally the frames that are near count more, since the solver uses them most, and contacts do, since they decide where a foot is held.
+    """
+    counts = torch.ones(len(mode.sequence), LOWER_BODY.size)
+    if mode.name == "causal":
+        counts *= FAR + (1 - FAR) * torch.exp(-torch.tensor(mode.sequence) / NEAR)[:, None]
+        counts[:, -len(LOWER_BODY.scalars) :] *= CONTACTS
+    return (counts / counts.mean()).flatten()
 
 
 def statistics(data: Dataset, mode: Mode, seed: int) -> dict[str, Statistics]:

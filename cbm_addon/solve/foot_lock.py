@@ -9,15 +9,19 @@ from ..motion.rotations import Array
 VELOCITY = 20.0  # weight of the predicted steps against the predicted positions, at 30 frames per second
 CONTACT = 30_000.0  # weight of standing still in contact, likewise
 ON, OFF = 0.5, 0.4  # contact begins above ON and ends below OFF
+CAUSAL_ON, CAUSAL_OFF = 0.4, 0.3  # likewise without looking ahead, where contacts are told less surely
 SHORTEST = 3  # frames; shorter contacts and shorter gaps are noise
+LOWERED = 0.6  # the share of its height over the floor that a point in contact loses
+RELEASE, CREEP = 0.1, 0.2  # seconds in which a causal lock that is let go, or that is beyond its slack, comes half-way to its path
+SLACK, LEASH = 0.04, 0.1  # head heights from its path up to which a causal lock stands still, and that it never exceeds
 
 
-def contact_states(probabilities: Array) -> np.ndarray:
+def contact_states(probabilities: Array, on: float = ON, off: float = OFF) -> np.ndarray:
     """Contacts bool [T, N] from probabilities [T, N], with hysteresis."""
     state = np.zeros(probabilities.shape, dtype=bool)
     current = probabilities[0] > 0.5 if len(probabilities) else np.zeros(probabilities.shape[1], bool)
     for t, values in enumerate(probabilities):
-        current = np.where(values > ON, True, np.where(values < OFF, False, current))
+        current = np.where(values > on, True, np.where(values < off, False, current))
         state[t] = current
     return state
 
@@ -64,19 +68,29 @@ def solve_paths(positions: Array, velocities: Array, locked: np.ndarray, rate: f
     return solved.astype(np.float32)
 
 
-def lock_causally(positions: Array, locked: np.ndarray, halving: float, limit: float) -> Array:
-    """Paths [T, N, 3] without looking ahead: a locked point stays where the lock began; released, it returns to its path, its distance
-    halving every `halving` frames. A lock that is farther than `limit` from its path was wrong and is let go until it has come back.
+def lowered(positions: Array, contacts: Array, rest: Array) -> Array:
+    """Points [T, N, 3] nearer to the heights `rest` [N] at which they stand, the likelier contact [T, N] is; none is raised."""
+    points = positions.copy()
+    points[..., 2] -= LOWERED * np.clip(contacts, 0, 1) * np.maximum(points[..., 2] - rest, 0)
+    return points
+
+
+def lock_causally(positions: Array, locked: np.ndarray, rate: float, unit: float) -> Array:
+    """Paths [T, N, 3] without looking ahead. Over the floor a locked point stays where the lock began while its path is within SLACK of it; it creeps
+    after a path that goes farther, and is never farther than LEASH from it. Released, it returns to its path. Heights are the path's.
+
+    unit  metres in a head height
     """
     path = positions.copy()
-    offset = np.zeros_like(positions[0])
-    broken = np.zeros((positions.shape[1], 1), dtype=bool)
-    decay = np.float32(0.5 ** (1 / halving))
+    offset = np.zeros_like(positions[0, :, :2])
+    release, creep = (np.float32(0.5 ** (1 / (seconds * rate))) for seconds in (RELEASE, CREEP))
+    slack, leash = np.float32(SLACK * unit), np.float32(LEASH * unit)
     for t in range(1, len(positions)):
-        held = path[t - 1] - positions[t]
+        held = path[t - 1, :, :2] - positions[t, :, :2]
         distance = np.linalg.norm(held, axis=-1, keepdims=True)
-        broken = np.where(broken, distance > limit / 4, distance > limit)
-        still = (locked[t] & locked[t - 1])[:, None] & ~broken
-        offset = np.where(still, held, offset * decay)
-        path[t] = positions[t] + offset
+        beyond = np.maximum(distance - slack, 0)
+        kept = np.minimum(distance - beyond + creep * beyond, leash)
+        still = (locked[t] & locked[t - 1])[:, None]
+        offset = np.where(still, held * (kept / np.maximum(distance, 1e-9)), offset * release)
+        path[t, :, :2] += offset
     return path

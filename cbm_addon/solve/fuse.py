@@ -16,7 +16,7 @@ from ..motion.rotations import IDENTITY, Array, continuous, multiply, normalize,
 from ..motion.skeleton import STANDARD_BODY, Skeleton
 from ..progress import Job, Progress, part, run
 from ..takes.take import DEVICES, Take
-from .foot_lock import contact_states, lock_causally, solve_paths, without_blips
+from .foot_lock import CAUSAL_OFF, CAUSAL_ON, contact_states, lock_causally, lowered, solve_paths, without_blips
 from .ik import REACH, aim, bend_chain, clamp_reach, turned_toward, two_bone
 from .perform import sampled
 from .performance import Performance
@@ -25,8 +25,6 @@ SHOULDER_LIMIT = np.radians(30)  # how far a shoulder may follow a hand that the
 CHEST_LIMIT = np.radians(60)  # and the chest, where the shoulder is not enough
 HEEL_LIMIT = np.radians(45)  # how far a foot may rise over its toes where the leg is too short
 REACHING = 20  # steps in which the chest follows
-RELEASE = 0.15  # seconds in which a causal foot lock lets go by half
-LOCK_LIMIT = 0.1  # head heights from its path at which a causal lock gives up
 FORWARD = np.array([0, -1, 0], np.float32)
 AVERAGE_ANKLE = np.float32(STANDARD_BODY.height_above_toes("LeftFoot") / STANDARD_BODY.height_above_toes("Head"))  # over the toes, in head heights
 
@@ -113,11 +111,12 @@ def _plant_feet(body: Skeleton, performance: Performance, world: Array, unit: np
     predicted = performance.lower_positions[:, joints] * unit
     toes = "LeftToe" in body
     predicted[..., 2] += np.float32(sole) - (0 if toes else AVERAGE_ANKLE * unit)
-    locked = contact_states(performance.contacts)
     if performance.causal:
-        paths = lock_causally(predicted, locked, RELEASE * rate, LOCK_LIMIT * float(unit))
+        rest = np.array([body.height_above_toes(name) if toes and name.endswith("Foot") else 0 for name in CONTACT_JOINTS], np.float32) + np.float32(sole)
+        locked = contact_states(performance.contacts, CAUSAL_ON, CAUSAL_OFF)
+        paths = lock_causally(lowered(predicted, performance.contacts, rest), locked, rate, float(unit))
     else:
-        locked = without_blips(locked)
+        locked = without_blips(contact_states(performance.contacts))
         paths = solve_paths(predicted, performance.lower_velocities[:, joints] * unit, locked, rate)
     ankles = {}
     for i, side in enumerate(("Left", "Right")):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from cbm_addon.solve.foot_lock import CONTACT, VELOCITY, contact_states, lock_causally, solve_paths, without_blips
+from cbm_addon.solve.foot_lock import CONTACT, LEASH, SLACK, VELOCITY, contact_states, lock_causally, lowered, solve_paths, without_blips
 
 RATE = 30.0
 
@@ -54,19 +55,42 @@ def test_the_solution_is_the_least_squares_optimum() -> None:
 
 def test_a_causal_lock_uses_no_later_frame() -> None:
     positions, _, contact = walk()
-    whole = lock_causally(positions, contact, 3.0, 0.1)
+    whole = lock_causally(positions, contact, RATE, 2.5)
     for end in (20, 47, 61):
-        np.testing.assert_array_equal(lock_causally(positions[:end], contact[:end], 3.0, 0.1), whole[:end])
+        np.testing.assert_array_equal(lock_causally(positions[:end], contact[:end], RATE, 2.5), whole[:end])
     still = (contact[1:] & contact[:-1])[:, 0]
     assert np.abs(np.diff(whole[:, 0], axis=0)[still]).max() < 1e-6
 
 
-def test_a_causal_lock_that_is_far_from_its_path_gives_up() -> None:
+def test_a_causal_lock_creeps_after_a_path_that_goes_away() -> None:
+    unit, speed = 1.6, 0.15
+    positions = np.zeros((90, 1, 3), np.float32)
+    positions[:, 0, 0] = np.arange(90) * speed / RATE
+    path = lock_causally(positions, np.ones((90, 1), bool), RATE, unit)[:, 0, 0]
+    steps, behind = np.diff(path) * RATE, positions[:-1, 0, 0] - path[:-1]
+    assert np.abs(steps[behind < SLACK * unit - speed / RATE]).max() < 1e-5, "it stands within the slack"
+    assert steps.min() > -1e-5, "and never turns back"
+    assert steps.max() < speed + 1e-5, "nor overtakes the path that it follows"
+    assert steps[-1] > 0.9 * speed, "which it follows in the end"
+
+
+def test_a_causal_lock_is_never_farther_from_its_path_than_its_leash() -> None:
+    unit = 1.6
     positions = np.zeros((60, 1, 3), np.float32)
-    positions[:, 0, 0] = np.linspace(0, 0.6, 60)
-    path = lock_causally(positions, np.ones((60, 1), bool), 3.0, 0.08)
-    assert np.abs(path - positions).max() < 0.1
-    assert np.count_nonzero(np.abs(np.diff(path[:, 0, 0])) < 1e-6) > 20, "it still holds between"
+    positions[:, 0, 0] = np.linspace(0, 6, 60)
+    path = lock_causally(positions, np.ones((60, 1), bool), RATE, unit)
+    away = np.abs(path - positions).max()
+    assert away == pytest.approx(LEASH * unit, rel=1e-4)
+
+
+def test_a_point_in_contact_comes_down_to_where_it_stands() -> None:
+    positions = np.full((3, 2, 3), 0.2, np.float32)
+    positions[2, :, 2] = 0.05
+    lower = lowered(positions, np.array([[0, 0], [1, 0.5], [1, 1]], np.float32), np.array([0, 0.1], np.float32))
+    np.testing.assert_allclose(lower[..., :2], positions[..., :2])
+    np.testing.assert_allclose(lower[0], positions[0])
+    assert 0 < lower[1, 0, 2] < lower[1, 1, 2] < 0.2
+    assert lower[2, 1, 2] == pytest.approx(0.05), "none is raised"
 
 
 def test_contacts_have_hysteresis_and_no_blips() -> None:

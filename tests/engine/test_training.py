@@ -12,7 +12,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from cbm_addon.errors import InputError  # noqa: E402
-from cbm_addon.features import LOWER_JOINTS, MODES, RATE, tracker_frames  # noqa: E402
+from cbm_addon.features import LOWER_BODY, LOWER_JOINTS, MODES, RATE, tracker_frames  # noqa: E402
 from cbm_addon.learn.config import TrainConfig, read_config  # noqa: E402
 from cbm_addon.learn.dataset import Dataset, clip_frames, faces_one_way, join, read_body_motion, stands_on_a_floor  # noqa: E402
 from cbm_addon.learn.export import export  # noqa: E402
@@ -22,8 +22,9 @@ from cbm_addon.learn.networks import CodebookMatching, matching_loss, sample_cod
 from cbm_addon.learn.rivals import ConditionalVae  # noqa: E402
 from cbm_addon.learn.split import CORE_SPLIT, read_split, split_of  # noqa: E402
 from cbm_addon.learn.start import start_from  # noqa: E402
-from cbm_addon.learn.training import build, train_mode  # noqa: E402
+from cbm_addon.learn.training import build, importance, train_mode  # noqa: E402
 from cbm_addon.motion.bvh import write_bvh  # noqa: E402
+from cbm_addon.motion.contacts import CONTACT_JOINTS  # noqa: E402
 from cbm_addon.motion.mirror import mirror  # noqa: E402
 from cbm_addon.motion.motion import Motion  # noqa: E402
 from cbm_addon.motion.resample import frame_times, resample  # noqa: E402
@@ -115,6 +116,7 @@ def test_training_on_gives_a_mean_of_before_and_after_and_keeps_other_modes(smal
     gone = {keep: np.abs(answer(model, "lookahead") - answer(before, "lookahead")).mean() for keep, model in models.items()}
     assert gone[1.0] < gone[0.5] < gone[0.0]
     np.testing.assert_allclose(answer(models[0.5], "causal"), answer(before, "causal"), atol=1e-2)
+    np.testing.assert_array_equal(models[0.5].networks("causal").manners, before.networks("causal").manners)
 
 
 def test_manners_are_what_whole_clips_are_off_by(data: dict[str, Dataset], body_motion: Motion, tmp_path: Path) -> None:
@@ -128,6 +130,24 @@ def test_manners_are_what_whole_clips_are_off_by(data: dict[str, Dataset], body_
     lengths = np.linalg.norm(found.reshape(len(found), -1), axis=-1)
     assert (np.diff(lengths) <= 0).all()
     assert abs(found[0, LOWER_JOINTS.index("Hips"), 2]) == pytest.approx(0.5, abs=0.15)
+
+
+def test_causally_near_frames_and_contacts_count_most_and_looking_ahead_all_count_alike() -> None:
+    assert (importance(MODES["lookahead"]) == 1).all()
+    counts = importance(MODES["causal"]).unflatten(0, (-1, LOWER_BODY.size))
+    assert counts.mean().item() == pytest.approx(1)
+    assert (counts.diff(dim=0) < 0).all(), "an earlier frame counts more"
+    assert (counts[:, -len(CONTACT_JOINTS) :].min(1).values > counts[:, : -len(CONTACT_JOINTS)].max(1).values).all()
+
+
+def test_what_does_not_count_is_not_learnt() -> None:
+    torch.manual_seed(0)
+    net = CodebookMatching(2, 2, 1, 2, hidden=16, dropout=0.0)
+    x, y = torch.randn(64, 2), torch.randn(64, 2)
+    net.losses(x, y, "kl", torch.tensor([2.0, 0.0]))[0].backward()
+    gradient = net.decoder[-1].weight.grad
+    assert gradient[0].abs().sum() > 0
+    assert gradient[1].abs().sum() == 0
 
 
 def test_windows_never_cross_into_another_clip(body_motion: Motion) -> None:
