@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..hands.codebook import Codebook, load_codebook
+from ..hands.codebook import Codebook, checked_card, described, load_codebook
 from ..hands.sensor import Grid
-from ..model_folder import MODELS_FOLDER, card_of_format
+from ..model_folder import MODELS_FOLDER
 from ..motion.motion import Motion, local_rotations
 from ..motion.rotations import Array, matrix_from_quat, matrix_from_sixd, quat_from_matrix
 from ..motion.skeleton import BODY_JOINTS, STANDARD_BODY
@@ -23,6 +22,7 @@ from .sensor import PLACES, roots, sense
 CARD_FORMAT = "cbm-body 1"
 DEFAULT_BODY = MODELS_FOLDER / "body"
 TURNING = tuple(name for name in BODY_JOINTS if name not in KEPT)  # joints whose world rotations the networks give, seen from the root
+FEATURES = {"places": list(PLACES), "rotations": list(TURNING)}
 ANSWERS = 3 + 6 * len(TURNING)  # the hips' shift in standing heights of the head joint, and 6D rotations
 
 
@@ -61,22 +61,17 @@ def changes_of(freedom: Freedom, unit: float, frames: np.ndarray, answers: Array
 
 def signature(grid: Grid) -> dict[str, Any]:
     """What the networks take and give, as the card says it."""
-    return {"grid": grid.as_dict(), "places": list(PLACES), "rotations": list(TURNING)}
+    return {"grid": grid.as_dict(), **FEATURES}
 
 
 def read_card(folder: Path) -> dict[str, Any]:
     """The card of a model of bodies, checked against this version of the engine."""
-    card = card_of_format(folder, CARD_FORMAT, ("features", "channels", "classes"))
-    for key, expected in (("places", list(PLACES)), ("rotations", list(TURNING))):
-        if card["features"].get(key) != expected:
-            raise InputError(Path(folder) / "card.json", f"was trained on other features ('{key}' differs); train the model again with this version")
-    return card
+    return checked_card(folder, CARD_FORMAT, FEATURES)
 
 
 def describe(card: dict[str, Any]) -> str:
     """A card in one line."""
-    size = sum(entry["bytes"] for entry in card["files"].values()) / 1e6
-    return f"'{card['name']}' {card['version']}: body, {size:.1f} MB, trained on {card['training']['poses']} poses, {card['licence']}"
+    return described(card, "body")
 
 
 def load_body_model(folder: Path | None = None, threads: int = 0) -> BodyModel:

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..model_folder import open_session, session_options, verify_files
+from ..errors import InputError
+from ..model_folder import card_of_format, open_session, session_options, verify_files
 from ..motion.rotations import Array
 
 ESTIMATOR, DECODER = "estimator.onnx", "decoder.onnx"
@@ -34,6 +35,21 @@ class Codebook:
         noise[0] = 0
         codes = np.eye(self.classes, dtype=np.float32)[(logits + noise).argmax(-1)].reshape(candidates * len(sensed), -1)
         return self.decoder.run(None, {"codes": codes, "features": np.tile(features, (candidates, 1))})[0].reshape(candidates, len(sensed), -1)
+
+
+def checked_card(folder: Path, kind: str, features: dict[str, Any]) -> dict[str, Any]:
+    """The card of a model folder of the format `kind`; InputError if it was trained on other `features` than this version of the engine has."""
+    card = card_of_format(folder, kind, ("features", "channels", "classes"))
+    for key, expected in features.items():
+        if card["features"].get(key) != expected:
+            raise InputError(Path(folder) / "card.json", f"was trained on other features ('{key}' differs); train the model again with this version")
+    return card
+
+
+def described(card: dict[str, Any], what: str) -> str:
+    """A card in one line; `what` it is a model of."""
+    size = sum(entry["bytes"] for entry in card["files"].values()) / 1e6
+    return f"'{card['name']}' {card['version']}: {what}, {size:.1f} MB, trained on {card['training']['poses']} poses, {card['licence']}"
 
 
 def load_codebook(folder: Path, card: dict[str, Any], threads: int = 0) -> Codebook:

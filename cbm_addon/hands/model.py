@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..model_folder import MODELS_FOLDER, card_of_format
+from ..model_folder import MODELS_FOLDER
 from ..motion.rotations import Array
-from .codebook import Codebook, load_codebook
+from .codebook import Codebook, checked_card, described, load_codebook
 from .hand import ANGLES, JOINTS, TIPS
 from .sensor import Grid
 
 CARD_FORMAT = "cbm-hands 1"
 DEFAULT_HANDS = MODELS_FOLDER / "hands"
+FEATURES = {"places": [*JOINTS, *TIPS], "angles": list(ANGLES)}
 
 
 @dataclass(frozen=True)
@@ -39,22 +39,17 @@ class HandModel:
 
 def signature(grid: Grid) -> dict[str, Any]:
     """What the networks take and give, as the card says it."""
-    return {"grid": grid.as_dict(), "places": [*JOINTS, *TIPS], "angles": list(ANGLES)}
+    return {"grid": grid.as_dict(), **FEATURES}
 
 
 def read_card(folder: Path) -> dict[str, Any]:
     """The card of a model of hands, checked against this version of the engine."""
-    card = card_of_format(folder, CARD_FORMAT, ("features", "channels", "classes"))
-    for key, expected in (("places", [*JOINTS, *TIPS]), ("angles", list(ANGLES))):
-        if card["features"].get(key) != expected:
-            raise InputError(Path(folder) / "card.json", f"was trained on other features ('{key}' differs); train the model again with this version")
-    return card
+    return checked_card(folder, CARD_FORMAT, FEATURES)
 
 
 def describe(card: dict[str, Any]) -> str:
     """A card in one line."""
-    size = sum(entry["bytes"] for entry in card["files"].values()) / 1e6
-    return f"'{card['name']}' {card['version']}: hands, {size:.1f} MB, trained on {card['training']['poses']} poses, {card['licence']}"
+    return described(card, "hands")
 
 
 def load_hand_model(folder: Path | None = None, threads: int = 0) -> HandModel:

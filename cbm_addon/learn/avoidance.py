@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from .. import __version__
 from ..errors import InputError
 from ..hands.codebook import DECODER, ESTIMATOR
 from ..model_folder import write_model
@@ -124,6 +125,19 @@ def validate(networks: AvoidanceNetworks, pool: Pool) -> dict[str, float]:
     errors = (drawn - answers).square().mean(-1).sqrt()
     modules.train()
     return {"sample": float(errors.mean()), "best_of_8": float(errors.min(0).values.mean())}
+
+
+def card_of(kind: str, config: AvoidanceConfig, training: dict, history: list[dict[str, float]], features: dict) -> dict:
+    """The card of a model of the format `kind`, without its files: what it was trained on (`training`), how that went, and its features."""
+    return {
+        "format": kind,
+        "name": config.name,
+        "version": __version__,
+        "licence": config.licence,
+        "credits": list(config.credits),
+        "training": {**training, "configuration": config.as_dict(), "torch": torch.__version__, "history": history},
+        "features": features,
+    }
 
 
 def export(networks: AvoidanceNetworks, folder: Path, card: dict, output: str) -> Path:

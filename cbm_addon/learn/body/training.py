@@ -6,13 +6,11 @@ from collections.abc import Generator
 from pathlib import Path
 
 import numpy as np
-import torch
 
-from ... import __version__
 from ...body.model import CARD_FORMAT, signature
 from ...hands.sensor import Grid
 from ...progress import Job, Progress, part
-from ..avoidance import Pool, checked_folder, export, fit, require_samples
+from ..avoidance import Pool, card_of, checked_folder, export, fit, require_samples
 from ..dataset import find_clips
 from ..split import read_split, split_of
 from .config import BodyConfig
@@ -40,21 +38,7 @@ def train_body(sources: list[Path], folder: Path, config: BodyConfig, resume: bo
     training = yield from part(make_pool(poses, grid, config, config.samples // GROUP, config.seed), 0.2, 0.4)
     validation = yield from part(make_pool(measured, grid, config, VALIDATION, config.seed + 1), 0.4, 0.42)
     networks, history = yield from part(fit(training, validation, config, folder / CHECKPOINT, resume), 0.42, 0.99)
-    card = {
-        "format": CARD_FORMAT,
-        "name": config.name,
-        "version": __version__,
-        "licence": config.licence,
-        "credits": list(config.credits),
-        "training": {
-            "poses": len(poses),
-            "clips": {name: len(paths) for name, paths in parts.items()},
-            "configuration": config.as_dict(),
-            "torch": torch.__version__,
-            "history": history,
-        },
-        "features": signature(grid),
-    }
+    card = card_of(CARD_FORMAT, config, {"poses": len(poses), "clips": {name: len(paths) for name, paths in parts.items()}}, history, signature(grid))
     yield Progress(0.99, "exporting")
     export(networks, folder, card, "pose")
     return card

@@ -6,13 +6,11 @@ from collections.abc import Generator
 from pathlib import Path
 
 import numpy as np
-import torch
 
-from ... import __version__
 from ...hands.model import CARD_FORMAT, signature
 from ...hands.sensor import Grid, reachable_grid
 from ...progress import Job, Progress, part
-from ..avoidance import Pool, checked_folder, export, fit, require_samples
+from ..avoidance import Pool, card_of, checked_folder, export, fit, require_samples
 from .config import HandConfig
 from .free_poses import held_out, read_free_poses
 from .geometry import Samples, noise_samples, shape_samples
@@ -35,21 +33,7 @@ def train_hands(source: Path, folder: Path, config: HandConfig, resume: bool, ov
     training = yield from part(make_pool(poses.angles, grid, config, config.samples // GROUP, config.seed), 0, 0.3)
     validation = yield from part(make_pool(measured.angles, grid, config, VALIDATION, config.seed + 1), 0.3, 0.32)
     networks, history = yield from part(fit(training, validation, config, folder / CHECKPOINT, resume), 0.32, 0.99)
-    card = {
-        "format": CARD_FORMAT,
-        "name": config.name,
-        "version": __version__,
-        "licence": config.licence,
-        "credits": list(config.credits),
-        "training": {
-            "poses": len(poses),
-            "held_out": sorted(set(measured.names)),
-            "configuration": config.as_dict(),
-            "torch": torch.__version__,
-            "history": history,
-        },
-        "features": signature(grid),
-    }
+    card = card_of(CARD_FORMAT, config, {"poses": len(poses), "held_out": sorted(set(measured.names))}, history, signature(grid))
     yield Progress(0.99, "exporting")
     export(networks, folder, card, "angles")
     return card
