@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import _thread
 import json
+import signal
 import socket
 import struct
 import threading
@@ -165,6 +166,15 @@ def test_the_command_writes_a_take(tmp_path, capsys):
     assert json.loads((tmp_path / "report.json").read_text())["rate_hz"] == pytest.approx(72, abs=0.5)
 
 
+@pytest.fixture
+def heeds_ctrl_c():
+    """What shells start in the background ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heeds_ctrl_c")
 def test_ctrl_c_ends_a_recording_and_keeps_it(tmp_path):
     port = free_port()
 
