@@ -13,6 +13,7 @@ CAUSAL_ON, CAUSAL_OFF = 0.4, 0.3  # likewise without looking ahead, where contac
 SHORTEST = 3  # frames; shorter contacts and shorter gaps are noise
 LOWERED = 0.6  # the share of its height over the floor that a point in contact loses
 RELEASE, CREEP = 0.1, 0.2  # seconds in which a causal lock that is let go, or that is beyond its slack, comes half-way to its path
+LIFT, RISE = 0.012, 0.03  # the same for heights
 SLACK, LEASH = 0.04, 0.1  # head heights from its path up to which a causal lock stands still, and that it never exceeds
 
 
@@ -76,21 +77,26 @@ def lowered(positions: Array, contacts: Array, rest: Array) -> Array:
 
 
 def lock_causally(positions: Array, locked: np.ndarray, rate: float, unit: float) -> Array:
-    """Paths [T, N, 3] without looking ahead. Over the floor a locked point stays where the lock began while its path is within SLACK of it; it creeps
-    after a path that goes farther, and is never farther than LEASH from it. Released, it returns to its path. Heights are the path's.
+    """Paths [T, N, 3] without looking ahead. A locked point stays where the lock began while its path is within SLACK of it over the floor, and within
+    LIFT in height; it creeps after a path that goes farther, and is never farther than LEASH and RISE from it. Released, it returns to its path.
 
     unit  metres in a head height
     """
     path = positions.copy()
-    offset = np.zeros_like(positions[0, :, :2])
+    for axes, slack, leash in ((slice(0, 2), SLACK, LEASH), (slice(2, 3), LIFT, RISE)):
+        _hold(path[..., axes], positions[..., axes], locked, rate, np.float32(slack * unit), np.float32(leash * unit))
+    return path
+
+
+def _hold(path: Array, positions: Array, locked: np.ndarray, rate: float, slack: np.float32, leash: np.float32) -> None:
+    """The same for some of the axes [T, N, A], in place."""
+    offset = np.zeros_like(positions[0])
     release, creep = (np.float32(0.5 ** (1 / (seconds * rate))) for seconds in (RELEASE, CREEP))
-    slack, leash = np.float32(SLACK * unit), np.float32(LEASH * unit)
     for t in range(1, len(positions)):
-        held = path[t - 1, :, :2] - positions[t, :, :2]
+        held = path[t - 1] - positions[t]
         distance = np.linalg.norm(held, axis=-1, keepdims=True)
         beyond = np.maximum(distance - slack, 0)
         kept = np.minimum(distance - beyond + creep * beyond, leash)
         still = (locked[t] & locked[t - 1])[:, None]
         offset = np.where(still, held * (kept / np.maximum(distance, 1e-9)), offset * release)
-        path[t, :, :2] += offset
-    return path
+        path[t] += offset

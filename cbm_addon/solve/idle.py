@@ -18,12 +18,13 @@ GAIN = 0.003  # what is taken over of a new frame at rest, without looking ahead
 
 
 def settle(performance: Performance, take: Take) -> Performance:
-    """The performance [T] with hips and torso held where the trackers of the take (at the same times) rest. Feet are not touched: their contacts
-    hold them."""
+    """The performance [T] with hips and torso held where the trackers of the take (at the same times) rest. Looking ahead, feet are not touched: their
+    contacts hold them. Causally the legs are held too, since a foot's lock creeps after its path."""
     rest = at_rest(take.positions / np.float32(performance.head_height), performance.causal)
     hold = _hold_causally if performance.causal else _hold
     positions, lower = performance.lower_positions.copy(), performance.lower_rotations.copy()
-    positions[:, 0] = hold(positions[:, 0], rest)
+    held = slice(None) if performance.causal else slice(1)
+    positions[:, held] = hold(positions[:, held], rest)
     lower[:, 0] = normalize(hold(continuous(lower[:, 0]), rest))
     upper = continuous(performance.upper_rotations)
     return replace(performance, lower_positions=positions, lower_rotations=lower, upper_rotations=normalize(hold(upper, rest)))

@@ -94,7 +94,7 @@ def test_shipped_models_are_found_and_sound(blender, tmp_path):
     done = blender.cbm("models", "--json", "models.json", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     models = json.loads((tmp_path / "models.json").read_text())["models"]
-    assert [Path(model["folder"]).name for model in models] == ["base", "hands"]
+    assert [Path(model["folder"]).name for model in models] == ["base", "body", "hands"]
     assert all(str(blender.user_resources) in model["folder"] for model in models)
 
 
