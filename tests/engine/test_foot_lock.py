@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cbm_addon.solve.foot_lock import CONTACT, LEASH, SLACK, VELOCITY, contact_states, lock_causally, lowered, solve_paths, without_blips
+from cbm_addon.solve.foot_lock import CONTACT, LEASH, LIFT, RISE, SLACK, VELOCITY, contact_states, lock_causally, lowered, solve_paths, without_blips
 
 RATE = 30.0
 
@@ -72,6 +72,17 @@ def test_a_causal_lock_creeps_after_a_path_that_goes_away() -> None:
     assert steps.min() > -1e-5, "and never turns back"
     assert steps.max() < speed + 1e-5, "nor overtakes the path that it follows"
     assert steps[-1] > 0.9 * speed, "which it follows in the end"
+
+
+def test_a_causal_lock_keeps_its_height_until_its_path_is_well_above() -> None:
+    unit = 1.6
+    positions = np.zeros((60, 1, 3), np.float32)
+    positions[:, 0, 2] = 0.08 + 0.9 * LIFT * unit * np.sin(np.arange(60) / 6)
+    heights = lock_causally(positions, np.ones((60, 1), bool), RATE, unit)[:, 0, 2]
+    assert np.ptp(heights) < 1e-6, "a wobble within the slack is no movement"
+    positions[30:, 0, 2] = 0.08 + 2 * RISE * unit
+    lifted = lock_causally(positions, np.ones((60, 1), bool), RATE, unit)[:, 0, 2]
+    assert (positions[30:, 0, 2] - lifted[30:]).max() < RISE * unit + 1e-6, "a path that rises takes it along"
 
 
 def test_a_causal_lock_is_never_farther_from_its_path_than_its_leash() -> None:
