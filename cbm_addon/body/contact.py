@@ -92,11 +92,11 @@ class Surroundings:
 
     def _meeting(self, points: Array) -> tuple[Array, np.ndarray]:
         """How deep the points of forearms and hands [T, A] are in the rest of the body, and which of its points is nearest int [T, A]; of points [T, M, 3]."""
-        arms, rest = points[:, self.shape.reaching], points[:, self.shape.standing]
+        arms, rest = points[:, self.shape.arms], points[:, self.shape.beside_arms]
         squares = (arms * arms).sum(-1)[..., None] + (rest * rest).sum(-1)[:, None] - 2 * arms @ np.swapaxes(rest, -1, -2)
-        gaps = np.sqrt(np.maximum(squares, 1e-12)) - self.shape.radii[self.shape.standing]
+        gaps = np.sqrt(np.maximum(squares, 1e-12)) - self.shape.radii[self.shape.beside_arms]
         nearest = gaps.argmin(-1)
-        return self.shape.radii[self.shape.reaching] - np.take_along_axis(gaps, nearest[..., None], -1)[..., 0], self.shape.standing[nearest]
+        return self.shape.radii[self.shape.arms] - np.take_along_axis(gaps, nearest[..., None], -1)[..., 0], self.shape.beside_arms[nearest]
 
     def _centre(self, lumps: Array) -> Array:
         """Where the centre of mass is over the floor, [T, 2], from the places of the lumps [T, L, 3]."""
@@ -142,7 +142,7 @@ class Surroundings:
         meeting, others = self._meeting(points)
         entered = np.maximum(meeting - self._met[frames], 0)
         some = np.flatnonzero((entered > 0).any(0))
-        arms, others, entered = self.shape.reaching[some], others[:, some], entered[:, some]
+        arms, others, entered = self.shape.arms[some], others[:, some], entered[:, some]
 
         def slopes() -> Array:
             reaching, met = points[:, arms], points[np.arange(len(frames))[:, None], others]

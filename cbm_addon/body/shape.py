@@ -94,15 +94,15 @@ class BodyShape:
         return np.stack([np.isin(self.axes.joints, [self.body.index(name) for name in (f"{side}Foot", f"{side}Toe") if name in self.body]) for side in SIDES])
 
     @cached_property
-    def reaching(self) -> np.ndarray:
+    def arms(self) -> np.ndarray:
         """int [A]: the points of forearms and hands."""
         return np.flatnonzero(np.isin(self.axes.joints, [self.body.index(side + name) for side in SIDES for name in ("ForeArm", "Hand")]))
 
     @cached_property
-    def standing(self) -> np.ndarray:
-        """int [B]: the points of what they may meet: head, trunk and legs."""
-        arms = [side + name for side in SIDES for name in ("Shoulder", "Arm", "ForeArm", "Hand")]
-        return np.flatnonzero(~np.isin(self.axes.joints, [self.body.index(name) for name in arms if name in self.body]))
+    def beside_arms(self) -> np.ndarray:
+        """int [B]: the points of what those may meet: head, trunk and legs."""
+        whole = [side + name for side in SIDES for name in ("Shoulder", "Arm", "ForeArm", "Hand")]
+        return np.flatnonzero(~np.isin(self.axes.joints, [self.body.index(name) for name in whole if name in self.body]))
 
 
 def body_shape(body: Skeleton, parts: list[Part] | None = None, sole: float | None = None) -> BodyShape:

@@ -193,8 +193,7 @@ def _write(
     stretches = [(int(frames[start]), int(max(frames[end - 1], frames[start] + 1))) for start, end in _runs(changed)]  # no strip is shorter than a frame
     unlocked_animation(armature)
     if not stretches:
-        remove_all = {channel.data_path for channel in rig_channels(armature, rig, solved, freed)}
-        remove_earlier(armature, BODY, remove_all)
+        remove_earlier(armature, BODY, {channel.data_path for channel in rig_channels(armature, rig, solved, freed)})
         return None
     channels = list(rig_channels(armature, rig, solved, without_way(freed, seen.carrier())))
     kept = np.concatenate([np.arange(start, min(end, frames[-1]) + 1) for start, end in stretches]) - frames[0]
