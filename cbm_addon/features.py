@@ -38,6 +38,10 @@ class Mode:
     window: tuple[int, ...]
     sequence: tuple[int, ...]
 
+    @property
+    def looks_ahead(self) -> bool:
+        return self.window[-1] > 0
+
 
 MODES = {
     "lookahead": Mode("lookahead", tuple(range(-18, 19, 2)), tuple(range(-7, 8))),

@@ -52,6 +52,8 @@ class CBM_OT_bake_take(bpy.types.Operator, ModalJob):
                 self.report({"INFO"}, f"{report.action}: {thinned.keys_before} keys thinned to {thinned.keys_after}")
             self.report({"INFO"}, f"{report.action}: {report.frames} frames at {report.fps:g} fps in {report.seconds:.1f} s")
 
+        for warning in result[0].warnings:
+            self.report({"WARNING"}, warning)
         scene, last = context.scene, context.scene.frame_start + result[0].frames - 1
         if last > scene.frame_end:
             self.report({"WARNING"}, f"the bake ends at frame {last}, and the scene plays to {scene.frame_end}")

@@ -89,6 +89,8 @@ def bake_file(args: argparse.Namespace, console: Console, models: Callable[[Path
         bakes: list[dict[str, Any]] = []
         for path, calibrated in reversed(list(zip(args.takes, recordings, strict=True))):  # so that the first is the one that the armature is left with
             reports = console.run(bake_variations(target.context, target.armature, calibrated, model, how, args.variations))
+            for warning in reports[0].warnings:
+                console.say(f"{path}: {warning}")
             bakes = [{"take": path, **asdict(report), "calibration": calibrated.calibration.as_dict()} for report in reports] + bakes
         if not meshes_of(target.armature):
             add_proxy(target.armature, table)

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
     from ..outputs import replacing
     from ..solve.fuse import fuse
     from ..solve.models import load_model
-    from ..solve.perform import perform
+    from ..solve.perform import calibration_warnings, perform
 
     if args.fps <= 0:
         raise InputError("--fps", f"is {args.fps:g}; a positive number is needed")
@@ -68,9 +68,13 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
             body = standard_body(args.stature)
         else:
             body = STANDARD_BODY.scaled(calibration.head_height / STANDARD_BODY.height_above_toes("Head"))
-        started = time.perf_counter()
         # The body is the person's own: its head height is the take's, so that the world stays that of the take.
-        performance = console.run(perform(take, body.height_above_toes("Head"), model, options))
+        head_height = body.height_above_toes("Head")
+        warnings = [*calibration.warnings, *calibration_warnings(take, head_height, model, options)]
+        for warning in warnings:
+            console.say(f"{args.take}: {warning}")
+        started = time.perf_counter()
+        performance = console.run(perform(take, head_height, model, options))
         motion = fuse(performance, take, frame_times(take.times[0], take.times[-1], args.fps), body)
         seconds = time.perf_counter() - started
         write_bvh(temporary, motion)
@@ -84,4 +88,5 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
         "mode": options.mode,
         "solve_seconds": seconds,
         "calibration": calibration.as_dict(),
+        "warnings": warnings,
     }

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..features import Layout
-from ..motion.mirror import mirror_positions, mirror_rotations
 from ..motion.motion import Motion
 from ..motion.resample import frame_times, resample
-from ..motion.rotations import Array, multiply, quat_from_rotvec, quat_from_yaw, rotate
+from ..motion.rotations import Array, multiply, quat_from_yaw
 from ..takes.gaps import fill
-from ..takes.take import HANDS, HEAD, LEFT, RIGHT, Take
+from ..takes.slip import Slip, slipped
+from ..takes.take import HANDS, HEAD, Take
 
 PROPORTION = 0.06  # the deviation of what legs, torso and arms each are of their length, as logarithm
 TEMPO = 0.1  # and of the speed of the whole clip
@@ -46,18 +46,14 @@ def vary(motion: Motion, seed: int) -> Motion:
 def roughen(take: Take, stature: float, seed: int) -> Take:
     """The same performance by somebody who looks around, with controllers that sit askew and hands that are lost now and then."""
     random = np.random.default_rng(seed)
-    return lose_hands(slip_hands(look_around(take, random), random), stature, random)
+    looking = look_around(take, random)
+    return lose_hands(slipped(looking, draw_slip(random)), stature, random)
 
 
-def slip_hands(take: Take, random: np.random.Generator) -> Take:
-    """A take whose wrists are carried along at a constant place beside the true ones and turned, as by controllers of another kind: the right hand has
-    the mirror image of the left hand's error."""
-    offset, turn = random.normal(scale=SLIP, size=3).astype(np.float32), quat_from_rotvec(random.normal(scale=TILT, size=3).astype(np.float32))
-    positions, rotations = take.positions.copy(), take.rotations.copy()
-    for hand, place, tilt in ((LEFT, offset, turn), (RIGHT, mirror_positions(offset), mirror_rotations(turn))):
-        positions[:, hand] += rotate(take.rotations[:, hand], place)
-        rotations[:, hand] = multiply(take.rotations[:, hand], tilt)
-    return replace(take, positions=positions, rotations=rotations)
+def draw_slip(random: np.random.Generator, share: float = 1.0) -> Slip:
+    """How controllers of another kind, or held otherwise, may sit; `share` of the usual deviations."""
+    offset, turn = (random.normal(scale=share * scale, size=3).astype(np.float32) for scale in (SLIP, TILT))
+    return Slip(offset, turn)
 
 
 def look_around(take: Take, random: np.random.Generator) -> Take:

@@ -76,6 +76,12 @@ def read_body_motion(path: Path) -> Motion:
     return resample(motion, frame_times(motion.times[0], motion.times[-1], RATE))
 
 
+def read_sound_motion(path: Path) -> Motion | None:
+    """A clip as `read_body_motion` reads it, if it is long enough and not broken."""
+    motion = read_body_motion(path)
+    return motion if motion.seconds >= MINIMUM_SECONDS and stands_on_a_floor(motion) and faces_one_way(motion) else None
+
+
 def stands_on_a_floor(motion: Motion) -> bool:
     """Whether the head stays above z = 0: where it does not, the clip's floor is not where its feet are."""
     return bool(motion.positions()[:, motion.skeleton.index("Head"), 2].min() > 0)
@@ -190,8 +196,8 @@ def read_datasets(clips: list[Path], split: dict[str, str], mirrored: bool = Tru
         name = split_of(path.stem, split)
         if name not in chosen:
             continue
-        motion = read_body_motion(path)
-        if motion.seconds < MINIMUM_SECONDS or not stands_on_a_floor(motion) or not faces_one_way(motion):
+        motion = read_sound_motion(path)
+        if motion is None:
             continue
         for variant in range(variants if name == "train" else 1):
             seed = zlib.crc32(f"{path.stem}/{variant}".encode())

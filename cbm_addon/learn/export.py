@@ -9,15 +9,15 @@ import torch
 
 from ..features import MODES
 from ..model_folder import write_model
-from ..solve.models import CARD_FORMAT, signature
+from ..solve.models import CARD_FORMAT, MISCALIBRATION, signature
 from .curves import curves
 from .onnx_graph import Graph
 from .training import Networks
 
 
 def graphs(networks: Networks) -> dict[str, onnx.ModelProto]:
-    """The two graphs of one mode by file name: the estimator (window -> control, logits, features) and the decoder (codes, features ->
-    lower body)."""
+    """The graphs of one mode by file name: the estimator (window -> control, logits, features), the decoder (codes, features -> lower body) and, where
+    it was trained, what tells a miscalibration (features -> offset, turn, height)."""
     stats, stage2 = networks.statistics, networks.lower_body
     sizes = {name: len(found.mean) for name, found in stats.items()}
     codes, hidden = stage2.channels * stage2.classes, networks.control[0].in_features
@@ -29,10 +29,15 @@ def graphs(networks: Networks) -> dict[str, onnx.ModelProto]:
     decoder = Graph()
     decoder.restored(decoder.layer(stage2.decoder_of_codes(), decoder.node("Concat", "codes", "features", axis=-1)), stats["lower_body"], "lower_body")
     outputs = {"control": sizes["control"], "logits": codes, "features": hidden}
-    return {
+    found = {
         f"{networks.mode.name}.estimator.onnx": estimator.model("estimator", {"window": sizes["window"]}, outputs),
         f"{networks.mode.name}.decoder.onnx": decoder.model("decoder", {"codes": codes, "features": hidden}, {"lower_body": sizes["lower_body"]}),
     }
+    if told := networks.miscalibration:
+        graph = Graph()
+        graph.restored(graph.layer(told.layers, graph.normalised("features", told.features)), told.targets, "miscalibration")
+        found[f"{networks.mode.name}.{MISCALIBRATION}.onnx"] = graph.model(MISCALIBRATION, {"features": hidden}, {"miscalibration": len(told.targets.mean)})
+    return found
 
 
 def export(trained: list[Networks], folder: Path, facts: dict) -> Path:
@@ -52,6 +57,7 @@ def export(trained: list[Networks], folder: Path, facts: dict) -> Path:
                 "history": n.history,
                 "manners": n.manners.astype(float).round(5).tolist(),
             }
+            | ({"miscalibration": n.miscalibration.told} if n.miscalibration else {})
             for n in trained
         },
     }

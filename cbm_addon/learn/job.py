@@ -18,6 +18,7 @@ from .config import TrainConfig
 from .dataset import Dataset, find_clips, read_datasets
 from .export import export
 from .manner import manners
+from .miscalibration import learn_miscalibration
 from .split import read_split
 from .start import keep_some, start_from
 from .training import Networks, build, train
@@ -43,7 +44,7 @@ def train_model(
     before = read_card(start) if start else None
     clips = find_clips(sources)
     data = yield from part(read_datasets(clips, read_split(), variants=config.variants), 0, 0.03)
-    trained = yield from part(train(data, config, checkpoints, resume, partial(start_from, start) if start else None), 0.03, 0.99)
+    trained = yield from part(train(data, config, checkpoints, resume, partial(start_from, start) if start else None), 0.03, 0.95)
     if start and before:
         for networks in trained:
             keep_some(start, networks, config.keep)
@@ -53,6 +54,9 @@ def train_model(
         networks.manners = manners(data["validation"], networks)
     if start and before:
         trained += _taken_over(start, config, data)
+    for networks in trained:
+        if networks.mode.looks_ahead:
+            networks.miscalibration = yield from part(learn_miscalibration(clips, read_split(), networks, config.seed), 0.95, 0.99)
     facts = {
         "name": config.name,
         "version": __version__,

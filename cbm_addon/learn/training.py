@@ -20,6 +20,7 @@ from ..progress import Progress, part
 from .augment import misjudge_height
 from .config import Trainable, TrainConfig
 from .dataset import Dataset
+from .miscalibration import Miscalibration
 from .networks import Blind, CodebookMatching, mean_error, sample_codes, trunk
 from .rivals import ConditionalVae, ContinuousMatching
 from .statistics import Statistics
@@ -42,6 +43,7 @@ class Networks:
     lower_body  stage 2
     history     of each epoch the mean losses (LOSSES) and what `validate` found
     manners     float32 [M, 9, 3]: what variations differ by (learn/manner.py)
+    miscalibration  what tells it from features (learn/miscalibration.py), if the mode looks ahead
     """
 
     mode: Mode
@@ -52,10 +54,15 @@ class Networks:
     statistics: dict[str, Statistics]
     history: list[dict[str, float]]
     manners: np.ndarray = field(default_factory=lambda: np.zeros((0, len(LOWER_JOINTS), 3), np.float32))
+    miscalibration: Miscalibration | None = None
 
     def modules(self) -> nn.ModuleDict:
         parts = {"trunk": self.trunk, "control": self.control, "regression": self.regression, "lower_body": self.lower_body}
         return nn.ModuleDict(parts | {"statistics": nn.ModuleDict(self.statistics)})
+
+    def features(self, window: Tensor) -> Tensor:
+        """What the trunk makes of tracker windows [N, inputs] as they are."""
+        return self.trunk(self.statistics["window"].normalise(window))
 
     def losses(self, window: Tensor, control: Tensor, lower: Tensor, matching: str) -> Tensor:
         """LOSSES: the errors of control, regression and reconstruction (eq. 2), and the matching loss (eq. 3)."""

@@ -25,7 +25,7 @@ from ..rigs.tables import Table
 from ..rigs.travel import Root, object_matrices, root_bone, root_pose, way_over_ground, without_way
 from ..solve.fuse import fusing
 from ..solve.models import Model
-from ..solve.perform import SolveOptions, perform, sampled
+from ..solve.perform import SolveOptions, calibration_warnings, perform, sampled
 from ..takes.calibrate import Calibrated
 from ..takes.synthesize import TRACKED_JOINTS
 from ..takes.take import DEVICES
@@ -95,6 +95,7 @@ class BakeReport:
     measured_frames    frames on which the evaluated rig was compared with the scaled trackers
     tracker_errors     by device; empty in place, and of a lower body that carries the upper one along
     reduction          what was thinned, if that was asked for
+    warnings           what looks wrong with the calibration to the model, a sentence each
     """
 
     action: str
@@ -107,6 +108,7 @@ class BakeReport:
     measured_frames: int
     tracker_errors: dict[str, TrackerError]
     reduction: ReductionReport | None = None
+    warnings: tuple[str, ...] = ()
 
 
 def bake(
@@ -144,6 +146,7 @@ def bake_variations(
     if kept and not _together(kept.positions, trackers, solved):
         kept = None
     trackers = kept.positions if kept else trackers
+    warnings = tuple(calibration_warnings(calibrated.take, calibrated.calibration.head_height, model, options.solve))
     made = []
     for i in range(count):
         solve = replace(options.solve, variation=options.solve.variation + i)
@@ -162,7 +165,8 @@ def bake_variations(
             measured = np.unique(np.linspace(0, len(frames) - 1, MEASURED_FRAMES).round().astype(int))
             errors = _tracker_errors(context, armature, rig, frames[measured], trackers[measured])
         seconds = (time.perf_counter() - started) / count
-        report = BakeReport(action.name, variation, len(frames), scene_rate(scene), scale, seconds, len(frames) / seconds, len(measured), errors, thinned)
+        speed = len(frames) / seconds
+        report = BakeReport(action.name, variation, len(frames), scene_rate(scene), scale, seconds, speed, len(measured), errors, thinned, warnings)
         reports.insert(0, report)
     return reports
 

@@ -16,6 +16,7 @@ from ..motion.rotations import Array
 CARD_FORMAT = "cbm-model 1"
 DEFAULT_MODEL = MODELS_FOLDER / "base"
 PARTS = ("estimator", "decoder")
+MISCALIBRATION = "miscalibration"  # a part that a mode may have besides
 
 
 def signature(mode: Mode) -> dict[str, Any]:
@@ -41,7 +42,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class ModeNetworks:
-    """The two sessions of one mode; every call takes and gives float32 batches. `manners` [M, 9, 3] are those of solve/manner.py."""
+    """The sessions of one mode, PARTS and MISCALIBRATION; every call takes and gives float32 batches. `manners` [M, 9, 3] are those of solve/manner.py."""
 
     mode: Mode
     channels: int
@@ -61,6 +62,15 @@ class ModeNetworks:
         one_hot = np.eye(self.classes, dtype=np.float32)[codes].reshape(len(codes), -1)
         flat = self.sessions["decoder"].run(None, {"codes": one_hot, "features": features})[0]
         return flat.reshape(len(codes), len(self.mode.sequence), LOWER_BODY.size)
+
+    @property
+    def tells_miscalibration(self) -> bool:
+        return MISCALIBRATION in self.sessions
+
+    def miscalibration(self, features: Array) -> Array:
+        """How windows with these features [N, H] say that a calibration is off, [N, 7]: the offset of the left controller (head heights) and its turn
+        (rotation vector), both in the wrist's frame, and the logarithm of the true height's share of the believed one."""
+        return self.sessions[MISCALIBRATION].run(None, {"features": features})[0]
 
 
 @dataclass(frozen=True)
@@ -115,9 +125,13 @@ def load_model(folder: Path | None = None, threads: int = 0) -> Model:
             MODES[name],
             entry["channels"],
             entry["classes"],
-            {part: open_session(folder / f"{name}.{part}.onnx", options) for part in PARTS},
+            {part: open_session(folder / f"{name}.{part}.onnx", options) for part in _parts(name, card)},
             np.array(entry.get("manners", []), np.float32).reshape(-1, len(LOWER_JOINTS), 3),
         )
         for name, entry in card["modes"].items()
     }
     return Model(folder, card, modes)
+
+
+def _parts(mode: str, card: dict[str, Any]) -> tuple[str, ...]:
+    return (*PARTS, MISCALIBRATION) if f"{mode}.{MISCALIBRATION}.onnx" in card["files"] else PARTS

@@ -17,6 +17,7 @@ from .candidates import agreement, choose_next, choose_path, draw, gumbel_noise,
 from .idle import settle
 from .manner import draw_manner, with_manner
 from .mirroring import mean, mirror_performance, mirror_take
+from .miscalibration import find_miscalibration
 from .models import Estimate, Model, ModeNetworks
 from .performance import Performance
 
@@ -61,15 +62,23 @@ def perform(take: Take, head_height: float, model: Model, options: SolveOptions)
     its own (manner.py), and every second one steps as one answer alone, which is more decided.
     """
     take = at_rate(take)
+    networks = model.networks(options.mode)
+    miscalibration = find_miscalibration(take, head_height, networks)
+    seen, true_height = miscalibration.corrected(take), head_height * miscalibration.height
     if _decided(options.variation) or options.candidates == 1:
-        performance = yield from _perform(take, head_height, model, options)
+        performance = yield from _perform(seen, true_height, networks, options)
     else:
         half = replace(options, candidates=(options.candidates + 1) // 2)
-        seen = yield from part(_perform(take, head_height, model, half), 0, 0.5)
-        mirrored = yield from part(_perform(mirror_take(take), head_height, model, half), 0.5, 1)
-        performance = mean(seen, mirror_performance(mirrored))
-    manner = draw_manner(model.networks(options.mode).manners, options.seed, options.variation)
-    return settle(with_manner(performance, manner), take)
+        answer = yield from part(_perform(seen, true_height, networks, half), 0, 0.5)
+        mirrored = yield from part(_perform(mirror_take(seen), true_height, networks, half), 0.5, 1)
+        performance = mean(answer, mirror_performance(mirrored))
+    manner = draw_manner(networks.manners, options.seed, options.variation)
+    return settle(with_manner(miscalibration.restored(performance), manner), take)
+
+
+def calibration_warnings(take: Take, head_height: float, model: Model, options: SolveOptions) -> list[str]:
+    """What looks wrong with the calibration of a take to the networks that solve it, a sentence each."""
+    return find_miscalibration(at_rate(take), head_height, model.networks(options.mode)).warnings()
 
 
 def _decided(variation: int) -> bool:
@@ -77,9 +86,8 @@ def _decided(variation: int) -> bool:
     return variation > 0 and variation % 2 == 0
 
 
-def _perform(take: Take, head_height: float, model: Model, options: SolveOptions) -> Generator[Progress, None, Performance]:
+def _perform(take: Take, head_height: float, networks: ModeNetworks, options: SolveOptions) -> Generator[Progress, None, Performance]:
     """One answer to a take sampled at RATE."""
-    networks = model.networks(options.mode)
     trackers, anchors = tracker_frames(take, head_height)
     causal = options.mode == "causal"
     frames = np.arange(0, len(take.times), 1 if causal else HOP)

@@ -1,17 +1,13 @@
-"""What training does to clips and takes: other bodies keep their feet, and errors are those that recordings have."""
+"""What training does to clips: other bodies keep their feet."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from cbm_addon.features import LOWER_JOINTS
-from cbm_addon.learn.augment import slip_hands, vary
-from cbm_addon.motion.mirror import mirror_positions, mirror_rotations
+from cbm_addon.learn.augment import vary
 from cbm_addon.motion.motion import Motion
 from cbm_addon.motion.resample import lerp_samples
-from cbm_addon.motion.rotations import difference, inverse, multiply, rotate
-from cbm_addon.takes.synthesize import synthesize
-from cbm_addon.takes.take import HEAD, LEFT, RIGHT
 
 
 def test_a_varied_body_walks_on_the_same_prints_larger_or_smaller(body_motion: Motion) -> None:
@@ -32,16 +28,3 @@ def test_a_varied_body_has_other_proportions_and_another_tempo(body_motion: Moti
     assert len({round(float(value), 3) for value in length}) == 3  # legs, torso and arms
     assert len(varied) != len(body_motion)
     np.testing.assert_allclose(varied.rate, body_motion.rate)
-
-
-def test_controllers_of_another_kind_sit_at_a_constant_place_and_as_mirror_images(body_motion: Motion) -> None:
-    take = synthesize(body_motion)
-    slipped = slip_hands(take, np.random.default_rng(0))
-    np.testing.assert_array_equal(slipped.positions[:, HEAD], take.positions[:, HEAD])
-    places = [rotate(inverse(take.rotations[:, hand]), slipped.positions[:, hand] - take.positions[:, hand]) for hand in (LEFT, RIGHT)]
-    turns = [multiply(inverse(take.rotations[:, hand]), slipped.rotations[:, hand]) for hand in (LEFT, RIGHT)]
-    for place in places:
-        np.testing.assert_allclose(place, place[:1].repeat(len(place), 0), atol=1e-5)
-    assert np.linalg.norm(places[0][0]) > 0.01
-    np.testing.assert_allclose(places[1], mirror_positions(places[0]), atol=1e-5)
-    assert difference(turns[1], mirror_rotations(turns[0])).max() < 1e-3
