@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..motion.rotations import Array
+from .tridiagonal import follow
 
 VELOCITY = 20.0  # weight of the predicted steps against the predicted positions, at 30 frames per second
 CONTACT = 30_000.0  # weight of standing still in contact, likewise
@@ -42,31 +43,14 @@ def without_blips(state: np.ndarray) -> np.ndarray:
 
 
 def solve_paths(positions: Array, velocities: Array, locked: np.ndarray, rate: float) -> Array:
-    """Paths [T, N, 3] by least squares: near `positions`, moving at `velocities` per second, and not at all where `locked` bool [T, N].
-
-    The normal equations are tridiagonal and the same for x, y and z: one forward and one backward sweep (Thomas) solves all paths.
-    """
+    """Paths [T, N, 3] by least squares: near `positions`, moving at `velocities` per second, and not at all where `locked` bool [T, N]."""
     count = len(positions)
     if count < 2:
         return positions.copy()
     still = locked[1:] & locked[:-1]
-    weight = np.where(still, CONTACT, VELOCITY)[..., None] * (rate / 30) ** 2  # a step shrinks with the frame: its square must not
+    weight = np.where(still, CONTACT, VELOCITY) * (rate / 30) ** 2  # a step shrinks with the frame: its square must not
     wanted = np.where(still[..., None], 0.0, velocities[1:] / rate)
-    diagonal = np.ones((count, positions.shape[1], 1))
-    diagonal[1:] += weight
-    diagonal[:-1] += weight
-    right = positions.astype(np.float64)
-    right[1:] += weight * wanted
-    right[:-1] -= weight * wanted
-    for t in range(1, count):
-        factor = weight[t - 1] / diagonal[t - 1]
-        diagonal[t] -= factor * weight[t - 1]
-        right[t] += factor * right[t - 1]
-    solved = np.empty_like(right)
-    solved[-1] = right[-1] / diagonal[-1]
-    for t in range(count - 2, -1, -1):
-        solved[t] = (right[t] + weight[t] * solved[t + 1]) / diagonal[t]
-    return solved.astype(np.float32)
+    return follow(positions, np.ones(count), weight, wanted).astype(np.float32)
 
 
 def lowered(positions: Array, contacts: Array, rest: Array) -> Array:

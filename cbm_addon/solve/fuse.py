@@ -10,13 +10,13 @@ from itertools import pairwise
 import numpy as np
 
 from ..features import LOWER_JOINTS, UPPER_JOINTS
-from ..motion.contacts import CONTACT_JOINTS
 from ..motion.motion import Motion, local_rotations
 from ..motion.rotations import IDENTITY, Array, continuous, multiply, normalize, quat_from_rotvec, rotate, slerp
-from ..motion.skeleton import STANDARD_BODY, Skeleton
+from ..motion.skeleton import Skeleton
 from ..progress import Job, Progress, part, run
 from ..takes.take import DEVICES, Take
-from .foot_lock import CAUSAL_OFF, CAUSAL_ON, contact_states, lock_causally, lowered, solve_paths, without_blips
+from .feet import plant_feet
+from .foot_lock import solve_paths
 from .ik import REACH, aim, bend_chain, clamp_reach, turned_toward, two_bone
 from .perform import sampled
 from .performance import Performance
@@ -26,7 +26,6 @@ CHEST_LIMIT = np.radians(60)  # and the chest, where the shoulder is not enough
 HEEL_LIMIT = np.radians(45)  # how far a foot may rise over its toes where the leg is too short
 REACHING = 20  # steps in which the chest follows
 FORWARD = np.array([0, -1, 0], np.float32)
-AVERAGE_ANKLE = np.float32(STANDARD_BODY.height_above_toes("LeftFoot") / STANDARD_BODY.height_above_toes("Head"))  # over the toes, in head heights
 
 
 def fuse(performance: Performance, take: Take, times: np.ndarray, body: Skeleton, sole: float = 0.0) -> Motion:
@@ -52,7 +51,7 @@ def fusing(performance: Performance, take: Take, times: np.ndarray, body: Skelet
         world[:, above] = upper[:, above]
     rate = 1 / float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     yield Progress(0.1, "planting feet")
-    ankles = _plant_feet(body, performance, world, unit, rate, sole)
+    ankles = plant_feet(body, performance, world, unit, rate, sole)
     hips = _reachable_hips(body, world, _hips_path(performance, rate) * unit, targets["head"][0], ankles)
     yield Progress(0.3, "meeting the headset")
     hips = _meet_head(body, world, hips, *targets["head"])
@@ -103,35 +102,6 @@ def _hips_path(performance: Performance, rate: float) -> Array:
         free = np.zeros(positions.shape[:2], dtype=bool)
         positions = solve_paths(positions, performance.lower_velocities[:, hips], free, rate)
     return positions[:, 0]
-
-
-def _plant_feet(body: Skeleton, performance: Performance, world: Array, unit: np.float32, rate: float, sole: float) -> dict[str, Array]:
-    """Turns the feet in `world` and returns where the ankles go, [T, 3] by side, so that ankle and toe stand still in contact."""
-    joints = [LOWER_JOINTS.index(name) for name in CONTACT_JOINTS]
-    predicted = performance.lower_positions[:, joints] * unit
-    toes = "LeftToe" in body
-    predicted[..., 2] += np.float32(sole) - (0 if toes else AVERAGE_ANKLE * unit)
-    if performance.causal:
-        rest = np.array([body.height_above_toes(name) if toes and name.endswith("Foot") else 0 for name in CONTACT_JOINTS], np.float32) + np.float32(sole)
-        locked = contact_states(performance.contacts, CAUSAL_ON, CAUSAL_OFF)
-        paths = lock_causally(lowered(predicted, performance.contacts, rest), locked, rate, float(unit))
-    else:
-        locked = without_blips(contact_states(performance.contacts))
-        paths = solve_paths(predicted, performance.lower_velocities[:, joints] * unit, locked, rate)
-    ankles = {}
-    for i, side in enumerate(("Left", "Right")):
-        ankle, toe = paths[:, 2 * i], paths[:, 2 * i + 1]
-        foot = body.index(f"{side}Foot")
-        if toes:
-            offset = body.offsets[body.index(f"{side}Toe")]
-            # The rotation that was predicted keeps the foot's roll; where it points is what the planted ankle and toe say.
-            world[:, foot] = aim(world[:, foot], offset, toe - ankle)
-            toe = toe.copy()
-            toe[:, 2] = np.maximum(toe[:, 2], sole)
-            ankles[side] = toe - rotate(world[:, foot], offset)
-        else:
-            ankles[side] = ankle
-    return ankles
 
 
 def _reachable_hips(body: Skeleton, world: Array, hips: Array, head: Array, ankles: dict[str, Array]) -> Array:

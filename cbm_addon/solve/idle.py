@@ -10,6 +10,7 @@ from ..features import RATE
 from ..motion.rotations import Array, continuous, normalize
 from ..takes.take import Take
 from .performance import Performance
+from .tridiagonal import follow
 
 REST, MOVE = 0.015, 0.04  # head heights per second: slower than REST is at rest, faster than MOVE is not
 SPAN = 0.5  # seconds over which the speed is judged
@@ -25,7 +26,7 @@ def settle(performance: Performance, take: Take) -> Performance:
     positions, lower = performance.lower_positions.copy(), performance.lower_rotations.copy()
     held = slice(None) if performance.causal else slice(1)
     positions[:, held] = hold(positions[:, held], rest)
-    lower[:, 0] = normalize(hold(continuous(lower[:, 0]), rest))
+    lower[:, held] = normalize(hold(continuous(lower[:, held]), rest))
     upper = continuous(performance.upper_rotations)
     return replace(performance, lower_positions=positions, lower_rotations=lower, upper_rotations=normalize(hold(upper, rest)))
 
@@ -44,20 +45,9 @@ def at_rest(positions: Array, causal: bool) -> Array:
 
 
 def _hold(values: Array, rest: Array) -> Array:
-    """Least squares over the take: values [T, ...] near their own, steps small where there is rest. Tridiagonal, solved by Thomas' sweeps."""
-    weight = STIFFNESS * np.square(np.minimum(rest[1:], rest[:-1])).astype(np.float64)
-    diagonal = np.ones(len(values))
-    diagonal[1:] += weight
-    diagonal[:-1] += weight
-    solved = values.astype(np.float64)
-    for t in range(1, len(values)):
-        factor = weight[t - 1] / diagonal[t - 1]
-        diagonal[t] -= factor * weight[t - 1]
-        solved[t] += factor * solved[t - 1]
-    solved[-1] /= diagonal[-1]
-    for t in range(len(values) - 2, -1, -1):
-        solved[t] = (solved[t] + weight[t] * solved[t + 1]) / diagonal[t]
-    return solved.astype(np.float32)
+    """Least squares over the take: values [T, ...] near their own, steps small where there is rest."""
+    stiffness = STIFFNESS * np.square(np.minimum(rest[1:], rest[:-1]))
+    return follow(values, np.ones(len(values)), stiffness).astype(np.float32)
 
 
 def _hold_causally(values: Array, rest: Array) -> Array:

@@ -20,6 +20,7 @@ from .mirroring import mean, mirror_performance, mirror_take
 from .miscalibration import find_miscalibration
 from .models import Estimate, Model, ModeNetworks
 from .performance import Performance
+from .sharpen import sharpened
 
 HOP = 5  # frames between the sequences of look-ahead mode
 FORGET = 3  # frames after which what was predicted counts a third, in causal mode
@@ -73,7 +74,7 @@ def perform(take: Take, head_height: float, model: Model, options: SolveOptions)
         mirrored = yield from part(_perform(mirror_take(seen), true_height, networks, half), 0.5, 1)
         performance = mean(answer, mirror_performance(mirrored))
     manner = draw_manner(networks.manners, options.seed, options.variation)
-    return settle(with_manner(miscalibration.restored(performance), manner), take)
+    return settle(with_manner(sharpened(miscalibration.restored(performance)), manner), take)
 
 
 def calibration_warnings(take: Take, head_height: float, model: Model, options: SolveOptions) -> list[str]:

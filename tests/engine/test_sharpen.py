@@ -1,0 +1,69 @@
+"""Detail that averaging takes away is given back, and trembling is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cbm_addon.features import RATE
+from cbm_addon.motion.rotations import Array, difference, quat_from_axis_angle
+from cbm_addon.solve.performance import Performance
+from cbm_addon.solve.sharpen import sharpened
+
+COUNT = 240
+
+
+def swinging(hertz: float, head_heights: float, causal: bool = False) -> Performance:
+    """A body whose lower joints swing along X, and turn about it by as many radians."""
+    times = np.arange(COUNT) / RATE
+    angle = head_heights * np.sin(2 * np.pi * hertz * times)
+    positions = np.zeros((COUNT, 9, 3), np.float32)
+    positions[..., 0] = angle[:, None]
+    turns = quat_from_axis_angle(np.array([1.0, 0, 0]), angle).astype(np.float32)
+    return Performance(
+        times,
+        positions,
+        np.gradient(positions, axis=0) * np.float32(RATE),
+        np.repeat(turns[:, None], 9, axis=1),
+        np.repeat(turns[:, None], 10, axis=1),
+        np.zeros((COUNT, 4), np.float32),
+        1.6,
+        causal,
+    )
+
+
+def size(values: Array) -> float:
+    return float(np.std(values[60:-60], axis=0).max())
+
+
+def test_a_swing_of_a_fast_body_grows() -> None:
+    before = swinging(1.5, 0.3)
+    after = sharpened(before)
+    for name in ("lower_positions", "lower_velocities", "lower_rotations"):
+        assert 1.1 < size(getattr(after, name)) / size(getattr(before, name)) < 1.6, name
+
+
+def test_a_slow_sway_stays() -> None:
+    before = swinging(0.2, 0.05)
+    np.testing.assert_allclose(sharpened(before).lower_positions[30:-30], before.lower_positions[30:-30], atol=1e-3)
+
+
+def test_trembling_shrinks() -> None:
+    before = swinging(12, 0.002)
+    assert size(sharpened(before).lower_positions) < 0.5 * size(before.lower_positions)
+
+
+def test_causally_turns_grow_and_positions_stay() -> None:
+    before = swinging(1.5, 0.3, causal=True)
+    after = sharpened(before)
+    np.testing.assert_array_equal(after.lower_positions, before.lower_positions)
+    assert size(after.lower_rotations) > 1.1 * size(before.lower_rotations)
+
+
+@pytest.mark.parametrize("until", [50, 120])
+def test_causally_nothing_later_counts(until: int) -> None:
+    whole = swinging(1.5, 0.3, causal=True)
+    early = replace(whole, **{name: getattr(whole, name)[:until] for name in list(whole.__dataclass_fields__)[:6]})
+    assert difference(sharpened(whole).lower_rotations[:until], sharpened(early).lower_rotations).max() < 1e-3
