@@ -55,7 +55,7 @@ def train_model(
     if start and before:
         trained += _taken_over(start, config, data)
     for networks in trained:
-        if networks.mode.looks_ahead:
+        if config.miscalibration and networks.mode.looks_ahead:
             networks.miscalibration = yield from part(learn_miscalibration(clips, read_split(), networks, config.seed), 0.95, 0.99)
     facts = {
         "name": config.name,
