@@ -21,8 +21,8 @@ class TrainConfig:
     those of encoder and decoder. Each clip trains as it is and by `variants` - 1 other bodies; `noise`, `height_error` and `rough` (a share of the
     samples) are what learn/augment.py does to the trackers. `latent`, `sampled`, `end_to_end` and `decoder_sees_window` make the rivals and
     ablations that the results compare: "continuous" and "gaussian" (a conditional VAE) take the place of codes; one channel of one class is a plain
-    regressor. `miscalibration`: whether it is learnt too, looking ahead, what calibrations get
-    wrong (learn/miscalibration.py). `keep` is the share of the weights of the model that training goes on from, if it does, which the trained ones are mixed with.
+    regressor. `miscalibration`: whether it is learnt too, looking ahead, what calibrations get wrong (learn/miscalibration.py). `keep` is the share
+    of the weights of the model that training goes on from, if it does, which the trained ones are mixed with.
     """
 
     name: str = "custom"

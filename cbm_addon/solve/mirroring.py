@@ -10,7 +10,7 @@ import numpy as np
 from ..features import LOWER_JOINTS, UPPER_JOINTS
 from ..motion.contacts import CONTACT_JOINTS
 from ..motion.mirror import mirror_positions, mirror_rotations, twin
-from ..motion.rotations import slerp
+from ..motion.rotations import Array, normalize
 from ..takes.take import DEVICES, Take
 from .performance import Performance
 
@@ -36,11 +36,20 @@ def mirror_performance(performance: Performance) -> Performance:
     )
 
 
-def mean(a: Performance, b: Performance) -> Performance:
-    """What lies half-way between two answers to the same take."""
-    means = {name: (getattr(a, name) + getattr(b, name)) / 2 for name in ("lower_positions", "lower_velocities", "contacts")}
-    turns = {name: slerp(getattr(a, name), getattr(b, name), 0.5) for name in ("lower_rotations", "upper_rotations")}
-    return replace(a, **means, **turns)
+def mean(answers: list[Performance]) -> Performance:
+    """What lies in the middle of answers to the same take, in the same unit."""
+
+    def middle(name: str) -> Array:
+        return sum(getattr(answer, name) for answer in answers) / np.float32(len(answers))
+
+    def turned(name: str) -> Array:
+        first = getattr(answers[0], name)
+        turns = [getattr(answer, name) for answer in answers]
+        return normalize(sum(turn * np.where(np.sum(turn * first, axis=-1, keepdims=True) < 0, -1, 1).astype(np.float32) for turn in turns))
+
+    means = {name: middle(name) for name in ("lower_positions", "lower_velocities", "contacts")}
+    turns = {name: turned(name) for name in ("lower_rotations", "upper_rotations")}
+    return replace(answers[0], **means, **turns)
 
 
 def _twins(names: tuple[str, ...]) -> np.ndarray:

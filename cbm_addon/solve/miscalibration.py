@@ -6,7 +6,7 @@ as they were calibrated.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from ..motion.rotations import Array
 from ..takes.slip import Slip, slipped
 from ..takes.take import HANDS, Take
 from .models import ModeNetworks
-from .performance import Performance
 
 WINDOWS = 600  # are seen of a take, evenly spread
 OFFSET, HEIGHT = (0.045, 0.07), (0.025, 0.05)
@@ -34,16 +33,6 @@ class Miscalibration:
     def corrected(self, take: Take) -> Take:
         """The take as it would be with the controllers where they are."""
         return slipped(take, self.slip.undone())
-
-    def restored(self, performance: Performance) -> Performance:
-        """A performance in units of the true head height, in units of the one that was believed."""
-        share = np.float32(self.height)
-        return replace(
-            performance,
-            lower_positions=performance.lower_positions * share,
-            lower_velocities=performance.lower_velocities * share,
-            head_height=performance.head_height / self.height,
-        )
 
     def warnings(self) -> list[str]:
         """What an animator should look at, a sentence each."""

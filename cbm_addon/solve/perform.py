@@ -25,6 +25,7 @@ from .sharpen import sharpened
 HOP = 5  # frames between the sequences of look-ahead mode
 FORGET = 3  # frames after which what was predicted counts a third, in causal mode
 BATCH = 64  # anchors per network call
+HEIGHTS = {"lookahead": (0.97, 1.03), "causal": (1.0,)}  # shares of the head height for which a take is asked
 
 
 @dataclass(frozen=True)
@@ -59,22 +60,32 @@ def sampled(take: Take, times: np.ndarray) -> Take:
 def perform(take: Take, head_height: float, model: Model, options: SolveOptions) -> Generator[Progress, None, Performance]:
     """Stages 1 and 2 on a calibrated take; `head_height` is the standing height of the head joint, metres.
 
-    Half of the candidates answer the take's mirror image, and the performance is the mean of both answers. A variation other than 0 has a manner of
-    its own (manner.py), and every second one steps as one answer alone, which is more decided.
+    Half of the candidates answer the take's mirror image and, looking ahead, half a taller performer; the performance is the mean of all answers. A
+    variation other than 0 has a manner of its own (manner.py), and every second one steps as one answer alone, which is more decided.
     """
     take = at_rate(take)
     networks = model.networks(options.mode)
     miscalibration = find_miscalibration(take, head_height, networks)
     seen, true_height = miscalibration.corrected(take), head_height * miscalibration.height
     if _decided(options.variation) or options.candidates == 1:
-        performance = yield from _perform(seen, true_height, networks, options)
+        answer = yield from _perform(seen, true_height, networks, options)
     else:
-        half = replace(options, candidates=(options.candidates + 1) // 2)
-        answer = yield from part(_perform(seen, true_height, networks, half), 0, 0.5)
-        mirrored = yield from part(_perform(mirror_take(seen), true_height, networks, half), 0.5, 1)
-        performance = mean(answer, mirror_performance(mirrored))
+        answer = yield from _asked_often(seen, true_height, networks, options)
     manner = draw_manner(networks.manners, options.seed, options.variation)
-    return settle(with_manner(sharpened(miscalibration.restored(performance)), manner), take)
+    return settle(with_manner(sharpened(answer.measured_in(head_height)), manner), take)
+
+
+def _asked_often(take: Take, head_height: float, networks: ModeNetworks, options: SolveOptions) -> Generator[Progress, None, Performance]:
+    """The mean of what is answered to the take and to its mirror image, by performers of all HEIGHTS; the candidates are divided among them."""
+    heights = [head_height * share for share in HEIGHTS[options.mode]]
+    questions = [(height, mirrored) for height in heights for mirrored in (False, True)]
+    few = replace(options, candidates=-(-options.candidates // len(questions)))
+    answers = []
+    for i, (height, mirrored) in enumerate(questions):
+        job = _perform(mirror_take(take) if mirrored else take, height, networks, few)
+        answer = yield from part(job, i / len(questions), (i + 1) / len(questions))
+        answers.append((mirror_performance(answer) if mirrored else answer).measured_in(head_height))
+    return mean(answers)
 
 
 def calibration_warnings(take: Take, head_height: float, model: Model, options: SolveOptions) -> list[str]:

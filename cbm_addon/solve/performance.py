@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +32,11 @@ class Performance:
     contacts: Array
     head_height: float
     causal: bool
+
+    def measured_in(self, head_height: float) -> Performance:
+        """The same in units of another head height, metres."""
+        share = np.float32(self.head_height / head_height)
+        return replace(self, lower_positions=self.lower_positions * share, lower_velocities=self.lower_velocities * share, head_height=head_height)
 
     def at(self, times: np.ndarray) -> Performance:
         """The same at other times; a causal performance holds the share of the frame before (it must not look ahead)."""
