@@ -18,8 +18,8 @@ TRAIL, AHEAD = 3.0, 0.7  # frames of the past that a turn is compared with, and 
 def sharpened(performance: Performance) -> Performance:
     """The performance [T] with its lower body moving as much as before answers were averaged.
 
-    Looking ahead, the middle of the spectrum is raised, the more the body moves, and what trembles above it is taken off. Causally only turns are
-    raised: positions would tremble.
+    Looking ahead, the middle of the spectrum is raised, the more the body moves, and what trembles above it is taken off; the way of the hips stays,
+    since the head tells it. Causally only turns are raised: positions would tremble.
     """
     turns = continuous(performance.lower_rotations)
     if performance.causal:
@@ -32,6 +32,8 @@ def sharpened(performance: Performance) -> Performance:
         return narrow + raised * (narrow - _blurred(values, WIDE))
 
     moved = {name: sharp(getattr(performance, name)) for name in ("lower_positions", "lower_velocities")}
+    for name, values in moved.items():
+        values[:, 0] = getattr(performance, name)[:, 0]
     return replace(performance, lower_rotations=normalize(sharp(turns)), **moved)
 
 
