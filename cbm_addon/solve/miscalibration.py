@@ -20,6 +20,7 @@ WINDOWS = 600  # are seen of a take, evenly spread
 OFFSET, HEIGHT = (0.045, 0.07), (0.025, 0.05)
 """Metres, and logarithm of the height: up to the first nothing is corrected, from the second on all of it. Of nine in ten takes that are exact less
 than the first is told. Turns are corrected with the offset: alone they may as well be how somebody holds their hands."""
+POSTURE = 0.18  # logarithm of the height: who is lower than that sits, kneels or lies, and is no smaller
 WORTH_A_WORD = 0.08, 0.08  # metres of the controllers' offset, share of the height
 
 
@@ -38,7 +39,7 @@ class Miscalibration:
         """What an animator should look at, a sentence each."""
         found = []
         if (offset := float(np.linalg.norm(self.slip.offset))) > WORTH_A_WORD[0]:
-            found.append(f"the wrists seem to be {100 * offset:.0f} cm beside where they were recorded; see whether --device names the controllers")
+            found.append(f"the wrists seem to be {100 * offset:.0f} cm from where the calibration puts them; see whether --device names the controllers")
         if abs(np.log(self.height)) > WORTH_A_WORD[1]:
             found.append(f"the performer seems to be {self.height:.2f} times as tall as is believed; see whether --eye-height is theirs")
         return found
@@ -57,8 +58,8 @@ def find_miscalibration(take: Take, head_height: float, networks: ModeNetworks) 
     windows = trackers.seen_from(anchors[frames], frames[:, None] + np.array(networks.mode.window))
     told = networks.miscalibration(networks.estimate(windows).features).mean(axis=0)
     offset, turn, height = told[:3] * np.float32(head_height), told[3:6], told[6]
-    slips = _sure(offset, OFFSET)
-    return Miscalibration(Slip(slips * offset, slips * turn), float(np.exp(height * _sure(height, HEIGHT))))
+    slips, grown = _sure(offset, OFFSET), _sure(height, HEIGHT) * (abs(height) < POSTURE)
+    return Miscalibration(Slip(slips * offset, slips * turn), float(np.exp(grown * height)))
 
 
 def _sure(told: Array, limits: tuple[float, float]) -> np.float32:

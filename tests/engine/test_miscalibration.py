@@ -44,7 +44,7 @@ def test_controllers_of_another_kind_are_found(body_motion: Motion, head_height:
     assert np.linalg.norm(told.slip.offset - true.offset) < 0.5 * np.linalg.norm(true.offset)
     corrected, exact = told.corrected(take).positions, synthesize(body_motion).positions
     assert np.linalg.norm(corrected - exact, axis=-1)[:, HANDS].mean() < 0.5 * np.linalg.norm(take.positions - exact, axis=-1)[:, HANDS].mean()
-    assert "cm beside" in told.warnings()[0]
+    assert "from where the calibration puts them" in told.warnings()[0]
 
 
 @pytest.mark.parametrize("believed", [0.9, 1.1])
@@ -54,6 +54,10 @@ def test_a_height_that_was_misjudged_is_found(body_motion: Motion, head_height: 
     assert "as tall as is believed" in told.warnings()[-1]
 
 
+def test_who_is_low_throughout_is_not_taken_for_small(body_motion: Motion, head_height: float) -> None:
+    assert found(synthesize(body_motion), 1.5 * head_height).height == 1
+
+
 def test_of_hands_that_were_never_tracked_nothing_is_told(body_motion: Motion, head_height: float) -> None:
     take = calibrate(synthesize(body_motion, head_only=True)).take
     assert found(take, 0.9 * head_height) is NONE
@@ -61,8 +65,8 @@ def test_of_hands_that_were_never_tracked_nothing_is_told(body_motion: Motion, h
 
 def test_without_looking_ahead_nothing_is_told(body_motion: Motion, head_height: float) -> None:
     take = synthesize(body_motion)
-    assert calibration_warnings(take, 0.8 * head_height, load_model(), SolveOptions("causal")) == []
-    assert calibration_warnings(take, 0.8 * head_height, load_model(), SolveOptions("lookahead")) != []
+    assert calibration_warnings(take, 0.9 * head_height, load_model(), SolveOptions("causal")) == []
+    assert calibration_warnings(take, 0.9 * head_height, load_model(), SolveOptions("lookahead")) != []
 
 
 def test_a_performance_keeps_the_units_of_the_height_that_was_believed(body_motion: Motion, head_height: float) -> None:
