@@ -60,8 +60,9 @@ def sampled(take: Take, times: np.ndarray) -> Take:
 def perform(take: Take, head_height: float, model: Model, options: SolveOptions) -> Generator[Progress, None, Performance]:
     """Stages 1 and 2 on a calibrated take; `head_height` is the standing height of the head joint, metres.
 
-    Half of the candidates answer the take's mirror image and, looking ahead, half a taller performer; the performance is the mean of all answers. A
-    variation other than 0 has a manner of its own (manner.py), and every second one steps as one answer alone, which is more decided.
+    Half of the candidates answer the take's mirror image; looking ahead, half of either answer a smaller performer and half a taller one. The performance
+    is the mean of all. A variation other than 0 has a manner of its own (manner.py), and every second one steps as one answer alone, which is more
+    decided.
     """
     take = at_rate(take)
     networks = model.networks(options.mode)
