@@ -12,6 +12,7 @@ from .foot_lock import CAUSAL_OFF, CAUSAL_ON, contact_states, lock_causally, low
 from .performance import Performance
 from .tridiagonal import follow
 
+SIDES = ("Left", "Right")
 AVERAGE_ANKLE = np.float32(STANDARD_BODY.height_above_toes("LeftFoot") / STANDARD_BODY.height_above_toes("Head"))  # over the toes, in head heights
 FLAT = 1e4  # how much what planted points say counts, against what the others say
 STEADY = 30.0  # what a change of how a foot is turned otherwise than predicted costs from frame to frame, likewise, at 30 frames per second
@@ -38,32 +39,30 @@ def plant_feet(body: Skeleton, performance: Performance, world: Array, unit: np.
     else:
         locked = without_blips(contact_states(performance.contacts))
         paths = solve_paths(predicted, performance.lower_velocities[:, joints] * unit, locked, rate)
-    ankles = {}
-    for i, side in enumerate(("Left", "Right")):
-        point = slice(2 * i, 2 * i + 2)
-        ankles[side] = _plant_foot(body, world, side, paths[:, point], locked[:, point], rate, sole, performance.causal) if toes else paths[:, 2 * i]
-    return ankles
+    pairs = paths.reshape(len(paths), 2, 2, 3)
+    ankles = _plant_toed(body, world, pairs, locked.reshape(-1, 2, 2), rate, sole, performance.causal) if toes else pairs[:, :, 0]
+    return {side: ankles[:, i] for i, side in enumerate(SIDES)}
 
 
-def _plant_foot(body: Skeleton, world: Array, side: str, paths: Array, locked: np.ndarray, rate: float, sole: float, causal: bool) -> Array:
-    """The ankle [T, 3] of one foot with the `paths` [T, 2, 3] of ankle and toe, `locked` bool [T, 2]; turns foot and toe in `world`."""
-    foot, toe = body.index(f"{side}Foot"), body.index(f"{side}Toe")
-    offset = body.offsets[toe]
-    bend = multiply(inverse(world[:, foot]), world[:, toe])
-    flat = locked.all(axis=-1)
-    missing = rotvec_from_quat(quat_between(rotate(world[:, foot], offset), paths[:, 1] - paths[:, 0]))
-    turn = _steady(missing, flat, rate, causal)
-    world[:, foot] = multiply(quat_from_rotvec(turn), world[:, foot])
-    world[:, toe] = multiply(world[:, foot], bend)
-    along = rotate(world[:, foot], offset)
-    by_toe = _steady(np.where(locked[:, 1], 1, np.where(locked[:, 0], 0, 0.5))[:, None], locked.any(axis=-1), rate, causal)
-    tip = paths[:, 0] + along + by_toe * (paths[:, 1] - paths[:, 0] - along)
-    tip[:, 2] = np.maximum(tip[:, 2], sole)
+def _plant_toed(body: Skeleton, world: Array, paths: Array, locked: np.ndarray, rate: float, sole: float, causal: bool) -> Array:
+    """The ankles [T, 2, 3] of feet with the `paths` [T, 2, 2, 3] of ankle and toe, `locked` bool [T, 2, 2]; turns feet and toes in `world`."""
+    feet, toes = (body.indices([f"{side}{name}" for side in SIDES]) for name in ("Foot", "Toe"))
+    offsets, (ankle, toe) = body.offsets[toes], np.moveaxis(paths, 2, 0)
+    bend = multiply(inverse(world[:, feet]), world[:, toes])
+    missing = rotvec_from_quat(quat_between(rotate(world[:, feet], offsets), toe - ankle))
+    by_toe = np.where(locked[..., 1], 1, np.where(locked[..., 0], 0, 0.5))[..., None]  # the share of what the toe says of where the foot is
+    sure = np.concatenate((locked.all(axis=-1), locked.any(axis=-1)), axis=-1)
+    steady = _steady(np.concatenate((missing, np.broadcast_to(by_toe, missing.shape)), axis=1), sure, rate, causal)
+    world[:, feet] = multiply(quat_from_rotvec(steady[:, :2]), world[:, feet])
+    world[:, toes] = multiply(world[:, feet], bend)
+    along = rotate(world[:, feet], offsets)
+    tip = ankle + along + steady[:, 2:] * (toe - ankle - along)
+    tip[..., 2] = np.maximum(tip[..., 2], sole)
     return tip - along
 
 
 def _steady(values: Array, sure: np.ndarray, rate: float, causal: bool) -> Array:
-    """Values [T, N] that change steadily between frames where they are `sure` bool [T]; float32."""
+    """Values [T, N, 3] that change steadily between frames where they are `sure` bool [T, N]; float32."""
     if not causal:
         stiffness = np.full(len(values) - 1, STEADY * (rate / 30) ** 2)
         return follow(values, np.where(sure, FLAT, 1), stiffness).astype(np.float32)
