@@ -110,3 +110,16 @@ def test_json_lines_tell_a_driving_program_what_happens(tmp_path: Path, take: Pa
     shares = [event["share"] for event in events if "share" in event]
     assert shares == sorted(shares)
     assert "solved" in events[-1]["said"]
+
+
+def test_controllers_that_are_not_those_of_the_take_are_said(tmp_path: Path, body_motion: Motion, capsys: pytest.CaptureFixture[str]) -> None:
+    take, report = tmp_path / "index.csv", tmp_path / "report.json"
+    write(take, synthesize(body_motion, device="index"))
+    said = {}
+    for device in ("index", "quest2"):
+        options = ["--device", device, "--candidates", "2", "--json", str(report), "--overwrite"]
+        assert main(["solve", str(take), "-o", str(tmp_path / "out.bvh"), *options]) == 0
+        said[device] = json.loads(report.read_text())["warnings"]
+    assert said["index"] == []
+    assert len(said["quest2"]) == 1
+    assert f"{take}: {said['quest2'][0]}" in capsys.readouterr().out

@@ -19,7 +19,7 @@ from cbm_addon.scene.bake import BakeOptions, BakeReport, bake, rig_channels, ta
 from cbm_addon.scene.rig import read_rig
 from cbm_addon.solve.models import load_model
 from cbm_addon.solve.perform import SolveOptions, sampled
-from cbm_addon.takes.calibrate import Calibrated, calibrate
+from cbm_addon.takes.calibrate import Calibrated, CalibrationOptions, calibrate
 from cbm_addon.takes.sample_motion import sample_motion, sample_take
 from cbm_addon.takes.take import Take
 
@@ -304,3 +304,10 @@ def test_takes_and_trackers_share_the_origin_of_the_world(metarig, model, calibr
     report = bake_on(metarig, calibrated, model)
     start: Take = sampled(calibrated.take, np.zeros(1))
     np.testing.assert_allclose(heads_at(metarig, np.array([1]), ("spine.006",))[0, 0], start.positions[0, 0] * report.scale, atol=1e-3)
+
+
+def test_the_report_says_what_the_model_finds_wrong_with_the_calibration(human, model, calibrated):
+    assert bake_on(human, calibrated, model).warnings == ()
+    taller = calibrate(sampled(sample_take(), 2 + np.arange(0, SECONDS, 1 / 72)), CalibrationOptions(eye_height=1.9))
+    (warning,) = bake_on(human, taller, model).warnings
+    assert "as tall as is believed" in warning
