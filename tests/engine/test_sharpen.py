@@ -50,9 +50,17 @@ def test_a_slow_sway_stays() -> None:
     np.testing.assert_allclose(sharpened(before).lower_positions[30:-30], before.lower_positions[30:-30], atol=1e-3)
 
 
-def test_trembling_shrinks() -> None:
+def test_the_trembling_of_legs_shrinks() -> None:
     before = swinging(12, 0.002)
-    assert size(sharpened(before).lower_positions) < 0.5 * size(before.lower_positions)
+    legs = slice(1, None)
+    assert size(sharpened(before).lower_positions[:, legs]) < 0.5 * size(before.lower_positions[:, legs])
+
+
+def test_the_way_of_the_hips_stays() -> None:
+    before = swinging(1.5, 0.3)
+    after = sharpened(before)
+    for name in ("lower_positions", "lower_velocities"):
+        np.testing.assert_array_equal(getattr(after, name)[:, 0], getattr(before, name)[:, 0])
 
 
 def test_causally_turns_grow_and_positions_stay() -> None:
