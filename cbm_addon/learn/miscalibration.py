@@ -40,7 +40,7 @@ MISTAKES = tuple(mistaken(*pair) for pair in permutations(dict.fromkeys(CONTROLL
 
 
 @dataclass
-class Miscalibration:
+class MiscalibrationNetwork:
     """layers     normalised features -> normalised offset (head heights), turn (rotation vector) and logarithm of the height's share
     told        what the card says of it: the deviation of each kind over takes of validation clips, and what is left of it
     """
@@ -92,7 +92,7 @@ def examples(motions: list[Motion], networks: Networks, seed: int) -> Examples:
     return Examples(np.stack(found), np.array(targets, np.float32))
 
 
-def learn_miscalibration(clips: list[Path], split: dict[str, str], networks: Networks, seed: int) -> Job[Miscalibration]:
+def learn_miscalibration(clips: list[Path], split: dict[str, str], networks: Networks, seed: int) -> Job[MiscalibrationNetwork]:
     """Trains on the training clips and their mirror images, and measures on the validation clips."""
     made: dict[str, list[Examples]] = {"train": [], "validation": []}
     for i, path in enumerate(clips):
@@ -111,14 +111,14 @@ def _joined(made: list[Examples]) -> Examples:
     return Examples(np.concatenate([one.features for one in made]), np.concatenate([one.targets for one in made]))
 
 
-def _fit(train: Examples, seed: int) -> Job[Miscalibration]:
+def _fit(train: Examples, seed: int) -> Job[MiscalibrationNetwork]:
     torch.manual_seed(seed)
     inputs = torch.from_numpy(train.features).flatten(0, 1)
     targets = torch.from_numpy(train.targets).repeat_interleave(train.features.shape[1], 0)
     size, outputs = inputs.shape[1], targets.shape[1]
     sample = inputs[:: max(1, len(inputs) // 20_000)].float()
     layers = nn.Sequential(nn.Linear(size, HIDDEN), nn.ELU(), nn.Dropout(DROPOUT), nn.Linear(HIDDEN, outputs))
-    found = Miscalibration(layers, Statistics(sample.mean(0), sample.std(0) + 1e-3), Statistics(torch.zeros(outputs), targets.std(0) + 1e-6))
+    found = MiscalibrationNetwork(layers, Statistics(sample.mean(0), sample.std(0) + 1e-3), Statistics(torch.zeros(outputs), targets.std(0) + 1e-6))
     optimiser = torch.optim.AdamW(layers.parameters(), lr=RATE, weight_decay=DECAY)
     steps = max(1, PASSES * len(inputs) // BATCH)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
@@ -136,7 +136,7 @@ def _fit(train: Examples, seed: int) -> Job[Miscalibration]:
 
 
 @torch.no_grad()
-def _measured(found: Miscalibration, seen: Examples) -> dict[str, list[float]]:
+def _measured(found: MiscalibrationNetwork, seen: Examples) -> dict[str, list[float]]:
     """Root mean squares over takes, of what was off and of what is left of it: metres at a head height of 1.6 m, degrees, share of the height."""
     told = np.stack([found(torch.from_numpy(features).float()).mean(0).numpy() for features in seen.features])
 

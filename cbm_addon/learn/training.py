@@ -20,7 +20,7 @@ from ..progress import Progress, part
 from .augment import misjudge_height
 from .config import Trainable, TrainConfig
 from .dataset import Dataset
-from .miscalibration import Miscalibration
+from .miscalibration import MiscalibrationNetwork
 from .networks import Blind, CodebookMatching, mean_error, sample_codes, trunk
 from .rivals import ConditionalVae, ContinuousMatching
 from .statistics import Statistics
@@ -54,7 +54,7 @@ class Networks:
     statistics: dict[str, Statistics]
     history: list[dict[str, float]]
     manners: np.ndarray = field(default_factory=lambda: np.zeros((0, len(LOWER_JOINTS), 3), np.float32))
-    miscalibration: Miscalibration | None = None
+    miscalibration: MiscalibrationNetwork | None = None
 
     def modules(self) -> nn.ModuleDict:
         parts = {"trunk": self.trunk, "control": self.control, "regression": self.regression, "lower_body": self.lower_body}
