@@ -5,21 +5,22 @@ The body may be the engine's or a rig's: everything here uses the body's own bon
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
 from ..features import LOWER_JOINTS, UPPER_JOINTS
 from ..motion.motion import Motion, local_rotations
-from ..motion.rotations import IDENTITY, Array, continuous, multiply, normalize, quat_from_rotvec, rotate, slerp
+from ..motion.rotations import IDENTITY, Array, continuous, multiply, normalize, quat_from_rotvec, rotate
 from ..motion.skeleton import Skeleton
 from ..progress import Job, Progress, part, run
 from ..takes.take import DEVICES, Take
 from .feet import plant_feet
 from .foot_lock import solve_paths
 from .ik import REACH, aim, bend_chain, clamp_reach, turned_toward, two_bone
+from .manner import with_manner
 from .perform import sampled
 from .performance import Performance
+from .spine import carried, chest_of, with_neck
+from .tracker_update import updated
 
 SHOULDER_LIMIT = np.radians(30)  # how far a shoulder may follow a hand that the arm does not reach
 CHEST_LIMIT = np.radians(60)  # and the chest, where the shoulder is not enough
@@ -46,6 +47,7 @@ def fusing(performance: Performance, take: Take, times: np.ndarray, body: Skelet
     performance = performance.at(times)
     unit = scale * np.float32(performance.head_height)
     world = world_rotations(body, performance)
+    performance = with_manner(updated(performance, body, world, unit, targets))
     if upper is not None:
         above = [i for i, name in enumerate(body.names) if name not in LOWER_JOINTS]
         world[:, above] = upper[:, above]
@@ -74,24 +76,11 @@ def world_rotations(body: Skeleton, performance: Performance) -> Array:
     """
     source = {name: performance.lower_rotations[:, i] for i, name in enumerate(LOWER_JOINTS)}
     source |= {name: performance.upper_rotations[:, i] for i, name in enumerate(UPPER_JOINTS)}
-    chest = body.names[_chest(body)]
+    chest = body.names[chest_of(body)]
     world = np.zeros((len(performance.times), len(body), 4), np.float32)
     for i, name in enumerate(body.names):
         world[:, i] = source["Neck" if name == chest else name] if name in source else IDENTITY
     return world
-
-
-def _chest(body: Skeleton) -> int:
-    """The joint that carries the shoulders."""
-    return int(body.parents[body.index("LeftShoulder" if "LeftShoulder" in body else "LeftArm")])
-
-
-def _positions(body: Skeleton, world: Array, hips: Array, chain: list[int]) -> Array:
-    """World position [T, 3] of the last joint of a chain of joint indices that begins at the hips."""
-    position = hips
-    for parent, joint in pairwise(chain):
-        position = position + rotate(world[:, parent], body.offsets[joint])
-    return position
 
 
 def _hips_path(performance: Performance, rate: float) -> Array:
@@ -122,9 +111,7 @@ def _meet_head(body: Skeleton, world: Array, hips: Array, head: Array, rotation:
     """Bends the spine in `world` until the head joint is at `head`; what the spine cannot do the hips do. Returns the hips [T, 3]."""
     chain = body.chain("Hips", "Head")
     bending = chain[1:-1]
-    chest = _chest(body)
-    for joint in bending[bending.index(chest) + 1 :]:
-        world[:, joint] = slerp(world[:, chest], rotation, 0.5)
+    world[:] = with_neck(body, world, rotation)
     base = hips + rotate(world[:, chain[0]], body.offsets[bending[0]])
     world[:, bending], end = bend_chain(world[:, bending], body.offsets[[*bending[1:], chain[-1]]], base, head)
     world[:, chain[-1]] = rotation
@@ -134,11 +121,11 @@ def _meet_head(body: Skeleton, world: Array, hips: Array, head: Array, rotation:
 def _follow_hands(body: Skeleton, world: Array, hips: Array, targets: dict[str, tuple[Array, Array]]) -> Job[Array]:
     """Turns and leans the torso in `world` toward wrists that the arms do not reach, the head staying. Returns the hips [T, 3]."""
     chain = body.chain("Hips", "Head")
-    bending = chain[1 : chain.index(_chest(body)) + 1]
+    bending = chain[1 : chain.index(chest_of(body)) + 1]
     for step in range(REACHING):
         yield Progress(step / REACHING, "reaching")
         turn = np.zeros_like(hips)
-        center = _positions(body, world, hips, chain[: chain.index(bending[-1]) + 1])
+        center = carried(body, world, hips, chain[: chain.index(bending[-1]) + 1])
         for side in ("Left", "Right"):
             wrist = targets[side.lower()][0]
             _, socket, length = _followed(body, world, hips, side, wrist)
@@ -166,10 +153,10 @@ def _followed(body: Skeleton, world: Array, hips: Array, side: str, wrist: Array
     arm, forearm, hand = (body.index(f"{side}{name}") for name in ("Arm", "ForeArm", "Hand"))
     length = float(np.linalg.norm(body.offsets[forearm]) + np.linalg.norm(body.offsets[hand]))
     chain = body.chain("Hips", f"{side}Arm")
-    shoulder, socket = chain[-2], _positions(body, world, hips, chain)
+    shoulder, socket = chain[-2], carried(body, world, hips, chain)
     if f"{side}Shoulder" not in body:
         return world[:, shoulder], socket, length
-    root = _positions(body, world, hips, chain[:-1])
+    root = carried(body, world, hips, chain[:-1])
     turned = turned_toward(world[:, shoulder], body.offsets[arm], clamp_reach(wrist, socket, length) - root, SHOULDER_LIMIT)
     return turned, root + rotate(turned, body.offsets[arm]), length
 
@@ -187,7 +174,7 @@ def _meet_ankle(body: Skeleton, world: Array, hips: Array, side: str, ankle: Arr
     """Bends a leg in `world` so that the ankle is at `ankle`. Where the leg is too short for that, the heel comes up over toes that stay where
     they are, instead of the whole foot being drawn away."""
     joints = body.index(f"{side}UpLeg"), body.index(f"{side}Leg"), body.index(f"{side}Foot")
-    socket = _positions(body, world, hips, body.chain("Hips", f"{side}UpLeg"))
+    socket = carried(body, world, hips, body.chain("Hips", f"{side}UpLeg"))
     if f"{side}Toe" in body:
         foot, offset = joints[2], body.offsets[body.index(f"{side}Toe")]
         leg = float(np.linalg.norm(body.offsets[list(joints[1:])], axis=-1).sum()) * REACH

@@ -24,14 +24,14 @@ def draw_manner(manners: Array, seed: int, variation: int) -> Array:
     return np.tensordot(np.random.default_rng([seed, variation]).standard_normal(len(manners)), manners, 1).astype(np.float32)
 
 
-def with_manner(performance: Performance, offsets: Array) -> Performance:
-    """The performance with its lower joints moved by offsets [9, 3], which turn with the body. What stands is planted anew by stage 3."""
+def with_manner(performance: Performance) -> Performance:
+    """The performance with its lower joints moved by its manner, which turns with the body. What stands is planted anew by stage 3."""
     positions = performance.lower_positions
-    return replace(performance, lower_positions=positions + out_of_body(positions, offsets))
+    return replace(performance, lower_positions=positions + out_of_body(positions, performance.manner))
 
 
 def out_of_body(positions: Array, offsets: Array) -> Array:
-    """Vectors [T, 9, 3] from the frame of the body (+X its left, -Y where the hips face) of positions [T, 9, 3] into the one of the positions."""
+    """Vectors [T, N, 3] or [N, 3] from the frame of the body (+X its left, -Y where the hips face) of positions [T, 9, 3] into the one of the positions."""
     return _turned(positions, offsets, 1)
 
 
@@ -43,5 +43,5 @@ def into_body(positions: Array, offsets: Array) -> Array:
 def _turned(positions: Array, offsets: Array, sign: int) -> Array:
     left = (positions[:, SIDES[0]] - positions[:, SIDES[1]])[:, None, :2]
     cosine, sine = np.moveaxis(left / np.maximum(np.linalg.norm(left, axis=-1, keepdims=True), 1e-6), -1, 0)
-    x, y, z = np.moveaxis(np.broadcast_to(offsets, positions.shape), -1, 0)
+    x, y, z = np.moveaxis(np.broadcast_to(offsets, (len(positions), *offsets.shape[-2:])), -1, 0)
     return np.stack((cosine * x - sign * sine * y, sign * sine * x + cosine * y, z), axis=-1)

@@ -15,7 +15,7 @@ from ..progress import Progress, part
 from ..takes.take import Take
 from .candidates import agreement, choose_next, choose_path, draw, gumbel_noise, own_cost
 from .idle import settle
-from .manner import draw_manner, with_manner
+from .manner import draw_manner
 from .mirroring import mean, mirror_performance, mirror_take
 from .miscalibration import find_miscalibration
 from .models import Estimate, Model, ModeNetworks
@@ -73,7 +73,7 @@ def perform(take: Take, head_height: float, model: Model, options: SolveOptions)
     else:
         answer = yield from _asked_often(seen, true_height, networks, options)
     manner = draw_manner(networks.manners, options.seed, options.variation)
-    return settle(with_manner(sharpened(answer.measured_in(head_height)), manner), take)
+    return replace(settle(sharpened(answer.measured_in(head_height)), take), manner=manner)
 
 
 def _asked_often(take: Take, head_height: float, networks: ModeNetworks, options: SolveOptions) -> Generator[Progress, None, Performance]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..features import LOWER_JOINTS
 from ..motion.resample import brackets, lerp_samples, slerp_samples
 from ..motion.rotations import Array
 
@@ -22,6 +23,7 @@ class Performance:
     contacts          float32 [T, 4] probabilities of contact of CONTACT_JOINTS
     head_height       metres: the unit
     causal            nothing at a time was computed from later samples
+    manner            float32 [9, 3] offsets of LOWER_JOINTS in the frame of the body (manner.py), which `lower_positions` are without
     """
 
     times: np.ndarray
@@ -32,11 +34,18 @@ class Performance:
     contacts: Array
     head_height: float
     causal: bool
+    manner: Array = field(default_factory=lambda: np.zeros((len(LOWER_JOINTS), 3), np.float32))
 
     def measured_in(self, head_height: float) -> Performance:
         """The same in units of another head height, metres."""
         share = np.float32(self.head_height / head_height)
-        return replace(self, lower_positions=self.lower_positions * share, lower_velocities=self.lower_velocities * share, head_height=head_height)
+        return replace(
+            self,
+            lower_positions=self.lower_positions * share,
+            lower_velocities=self.lower_velocities * share,
+            head_height=head_height,
+            manner=self.manner * share,
+        )
 
     def at(self, times: np.ndarray) -> Performance:
         """The same at other times; a causal performance holds the share of the frame before (it must not look ahead)."""
@@ -47,7 +56,7 @@ class Performance:
                 times,
                 self.lower_positions[frames] + self.lower_velocities[frames] * (times - self.times[frames])[:, None, None].astype(np.float32),
                 self.lower_velocities[frames], self.lower_rotations[frames], self.upper_rotations[frames], self.contacts[frames],
-                self.head_height, True,
+                self.head_height, True, self.manner,
             )  # fmt: skip
         return Performance(
             times,
@@ -56,5 +65,5 @@ class Performance:
             slerp_samples(self.times, self.lower_rotations, times),
             slerp_samples(self.times, self.upper_rotations, times),
             lerp_samples(self.times, self.contacts, times),
-            self.head_height, False,
+            self.head_height, False, self.manner,
         )  # fmt: skip

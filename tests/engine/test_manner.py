@@ -46,8 +46,8 @@ def test_manners_are_drawn_as_long_as_they_are() -> None:
 def test_a_manner_turns_with_the_body(performance: Performance) -> None:
     turn = quat_from_yaw(np.float32(0.7))
     turned = replace(performance, lower_positions=rotate(turn, performance.lower_positions))
-    moved = with_manner(performance, OFFSETS).lower_positions
-    np.testing.assert_allclose(with_manner(turned, OFFSETS).lower_positions, rotate(turn, moved), atol=1e-4)
+    moved = with_manner(replace(performance, manner=OFFSETS)).lower_positions
+    np.testing.assert_allclose(with_manner(replace(turned, manner=OFFSETS)).lower_positions, rotate(turn, moved), atol=1e-4)
     np.testing.assert_allclose(into_body(performance.lower_positions, out_of_body(performance.lower_positions, OFFSETS))[0], OFFSETS, atol=1e-5)
 
 
