@@ -10,12 +10,12 @@ from .tridiagonal import follow
 VELOCITY = 20.0  # weight of the predicted steps against the predicted positions, at 30 frames per second
 CONTACT = 30_000.0  # weight of standing still in contact, likewise
 ON, OFF = 0.5, 0.4  # contact begins above ON and ends below OFF
-CAUSAL_ON, CAUSAL_OFF = 0.4, 0.3  # likewise without looking ahead, where contacts are told less surely
+CAUSAL_ON, CAUSAL_OFF = 0.35, 0.2  # likewise without looking ahead, where contacts are told late and less surely
 SHORTEST = 3  # frames; shorter contacts and shorter gaps are noise
 LOWERED = 0.6  # the share of its height over the floor that a point in contact loses
-RELEASE, CREEP = 0.1, 0.2  # seconds in which a causal lock that is let go, or that is beyond its slack, comes half-way to its path
+RELEASE, CREEP = 0.1, 0.4  # seconds in which a causal lock that is let go, or that is beyond its slack, comes half-way to its path
 LIFT, RISE = 0.012, 0.03  # the same for heights
-SLACK, LEASH = 0.04, 0.1  # head heights from its path up to which a causal lock stands still, and that it never exceeds
+SLACK, LEASH = 0.055, 0.1  # head heights from its path up to which a causal lock stands still, and that it never exceeds
 
 
 def contact_states(probabilities: Array, on: float = ON, off: float = OFF) -> np.ndarray:
