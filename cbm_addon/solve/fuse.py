@@ -43,11 +43,11 @@ def fusing(performance: Performance, take: Take, times: np.ndarray, body: Skelet
     """
     scale = np.float32((body.height_above_toes("Head") + sole) / performance.head_height)
     trackers = sampled(take, times)
-    targets = {name: (trackers.positions[:, i] * scale, trackers.rotations[:, i]) for i, name in enumerate(DEVICES)}
+    targets = _targets(trackers, scale)
     performance = performance.at(times)
     unit = scale * np.float32(performance.head_height)
     world = world_rotations(body, performance)
-    performance = with_manner(updated(performance, body, world, unit, targets))
+    performance = with_manner(updated(performance, body, world, unit, _targets(performance.miscalibration.corrected(trackers), scale)))
     if upper is not None:
         above = [i for i, name in enumerate(body.names) if name not in LOWER_JOINTS]
         world[:, above] = upper[:, above]
@@ -66,6 +66,11 @@ def fusing(performance: Performance, take: Take, times: np.ndarray, body: Skelet
     yield Progress(0.95, "writing the motion")
     local = continuous(local_rotations(body, world))
     return Motion(body, np.asarray(times, np.float64), hips.astype(np.float32), local.astype(np.float32))
+
+
+def _targets(trackers: Take, scale: np.float32) -> dict[str, tuple[Array, Array]]:
+    """By device the positions [T, 3], metres on the body, and rotations [T, 4] of the joints that it tracks."""
+    return {name: (trackers.positions[:, i] * scale, trackers.rotations[:, i]) for i, name in enumerate(DEVICES)}
 
 
 def world_rotations(body: Skeleton, performance: Performance) -> Array:

@@ -73,7 +73,7 @@ def perform(take: Take, head_height: float, model: Model, options: SolveOptions)
     else:
         answer = yield from _asked_often(seen, true_height, networks, options)
     manner = draw_manner(networks.manners, options.seed, options.variation)
-    return replace(settle(sharpened(answer.measured_in(head_height)), take), manner=manner)
+    return replace(settle(sharpened(answer.measured_in(head_height)), take), manner=manner, miscalibration=miscalibration)
 
 
 def _asked_often(take: Take, head_height: float, networks: ModeNetworks, options: SolveOptions) -> Generator[Progress, None, Performance]:

@@ -9,6 +9,7 @@ import numpy as np
 from ..features import LOWER_JOINTS
 from ..motion.resample import brackets, lerp_samples, slerp_samples
 from ..motion.rotations import Array
+from .miscalibration import NONE, Miscalibration
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class Performance:
     head_height       metres: the unit
     causal            nothing at a time was computed from later samples
     manner            float32 [9, 3] offsets of LOWER_JOINTS in the frame of the body (manner.py), which `lower_positions` are without
+    miscalibration    what was wrong with the calibration of the take; the networks saw it corrected
     """
 
     times: np.ndarray
@@ -35,6 +37,7 @@ class Performance:
     head_height: float
     causal: bool
     manner: Array = field(default_factory=lambda: np.zeros((len(LOWER_JOINTS), 3), np.float32))
+    miscalibration: Miscalibration = NONE
 
     def measured_in(self, head_height: float) -> Performance:
         """The same in units of another head height, metres."""
@@ -52,18 +55,10 @@ class Performance:
         if self.causal:
             before, share = brackets(self.times, times)
             frames = np.where(share >= 1, before + 1, before)
-            return Performance(
-                times,
-                self.lower_positions[frames] + self.lower_velocities[frames] * (times - self.times[frames])[:, None, None].astype(np.float32),
-                self.lower_velocities[frames], self.lower_rotations[frames], self.upper_rotations[frames], self.contacts[frames],
-                self.head_height, True, self.manner,
-            )  # fmt: skip
-        return Performance(
-            times,
-            lerp_samples(self.times, self.lower_positions, times),
-            lerp_samples(self.times, self.lower_velocities, times),
-            slerp_samples(self.times, self.lower_rotations, times),
-            slerp_samples(self.times, self.upper_rotations, times),
-            lerp_samples(self.times, self.contacts, times),
-            self.head_height, False, self.manner,
-        )  # fmt: skip
+            since = (times - self.times[frames])[:, None, None].astype(np.float32)
+            moved = {"lower_positions": self.lower_positions[frames] + self.lower_velocities[frames] * since}
+            held = {name: getattr(self, name)[frames] for name in ("lower_velocities", "lower_rotations", "upper_rotations", "contacts")}
+            return replace(self, times=times, **moved, **held)
+        paths = {name: lerp_samples(self.times, getattr(self, name), times) for name in ("lower_positions", "lower_velocities", "contacts")}
+        turns = {name: slerp_samples(self.times, getattr(self, name), times) for name in ("lower_rotations", "upper_rotations")}
+        return replace(self, times=times, **paths, **turns)

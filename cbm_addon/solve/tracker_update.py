@@ -21,27 +21,32 @@ from .spine import carried, with_neck
 WRISTS = 0.2  # the share of what each wrist is missed by that the body moves over the floor
 HEAD = 0.6  # the share of the height that the head is missed by, that the hips move up or down
 LEAN = 0.7  # and the share of it that the body moves back, where the bones carry the head too high: the spine leans farther, and forward where too low
-FARTHEST = 0.1  # head heights: what misses by more is no error of the hips, but another body's arms, or a wrong tracker
+FAR_WRIST, FAR_HEAD = 0.15, 0.05  # head heights: of such a miss half counts, and ever less of greater ones; they are other arms, or a wrong calibration
 
 
 def updated(performance: Performance, body: Skeleton, world: Array, unit: np.float32, targets: dict[str, tuple[Array, Array]]) -> Performance:
     """The performance [T] with its lower joints moved so that the body, turned as `world` [T, J, 4] says, carries head and wrists nearer to their trackers.
 
     unit     metres in a head height
-    targets  by device the positions [T, 3], metres, and rotations [T, 4] of "head", "left" and "right"
+    targets  by device the positions [T, 3], metres, and rotations [T, 4] of "head", "left" and "right", as they are without the take's miscalibration
     """
+    bones = body.scaled(performance.miscalibration.height)  # the performer's, where the body has a height that was believed wrongly
     hips = performance.lower_positions[:, LOWER_JOINTS.index("Hips")] * unit
     world = with_neck(body, world, targets["head"][1])
 
     def missed(device: str, joint: str) -> Array:
-        miss = (targets[device][0] - carried(body, world, hips, body.chain("Hips", joint))) / unit
-        return miss * np.minimum(1, FARTHEST / np.maximum(np.linalg.norm(miss, axis=-1, keepdims=True), 1e-9)).astype(np.float32)
+        return (targets[device][0] - carried(bones, world, hips, bones.chain("Hips", joint))) / unit
 
-    up = missed("head", "Head")[:, 2]
-    wrists = missed("left", "LeftHand") + missed("right", "RightHand")
+    up = _doubted(missed("head", "Head")[:, 2:], FAR_HEAD)
+    wrists = _doubted(missed("left", "LeftHand"), FAR_WRIST) + _doubted(missed("right", "RightHand"), FAR_WRIST)
     back = np.zeros((len(hips), 1, 3), np.float32)
-    back[:, 0, 1] = -LEAN * up
+    back[:, 0, 1:2] = -LEAN * up
     moved = performance.lower_positions + out_of_body(performance.lower_positions, back)
     moved[..., :2] += np.float32(WRISTS) * wrists[:, None, :2]
-    moved[:, LOWER_JOINTS.index("Hips"), 2] += np.float32(HEAD) * up
+    moved[:, LOWER_JOINTS.index("Hips"), 2:] += np.float32(HEAD) * up
     return replace(performance, lower_positions=moved)
+
+
+def _doubted(misses: Array, far: float) -> Array:
+    """Misses [T, N] weighted by a Cauchy kernel."""
+    return misses / (1 + np.sum(np.square(misses / np.float32(far)), axis=-1, keepdims=True))

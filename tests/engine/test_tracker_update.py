@@ -12,8 +12,9 @@ from cbm_addon.motion.motion import Motion
 from cbm_addon.motion.rotations import Array, multiply, quat_from_yaw, rotate
 from cbm_addon.solve.fuse import fuse, world_rotations
 from cbm_addon.solve.manner import out_of_body
+from cbm_addon.solve.miscalibration import NONE, Miscalibration
 from cbm_addon.solve.performance import Performance
-from cbm_addon.solve.tracker_update import FARTHEST, WRISTS, updated
+from cbm_addon.solve.tracker_update import FAR_WRIST, WRISTS, updated
 from cbm_addon.takes.synthesize import synthesize
 from cbm_addon.takes.take import DEVICES
 from tests.performances import true_performance
@@ -81,12 +82,21 @@ def test_no_frame_knows_of_another(body_motion: Motion, truth: Performance) -> N
     np.testing.assert_array_equal(before, after)
 
 
-def test_a_tracker_that_is_far_off_does_not_take_the_body_along(body_motion: Motion, truth: Performance) -> None:
+@pytest.mark.parametrize("meters", [0.5, 5.0])
+def test_a_tracker_that_is_far_off_does_not_take_the_body_along(body_motion: Motion, truth: Performance, meters: float) -> None:
     targets = targets_of(body_motion)
     position, rotation = targets["left"]
-    targets["left"] = (position + np.array((5, 0, 0), np.float32), rotation)
+    targets["left"] = (position + np.array((meters, 0, 0), np.float32), rotation)
     moved = updated_on(body_motion, truth, targets).lower_positions - updated_on(body_motion, truth).lower_positions
-    assert np.linalg.norm(moved, axis=-1).max() < WRISTS * 2 * FARTHEST
+    assert np.linalg.norm(moved, axis=-1).max() < WRISTS * FAR_WRIST / 2
+
+
+def test_bones_of_a_height_that_was_believed_wrongly_are_those_of_the_performer(body_motion: Motion, truth: Performance) -> None:
+    """Who is taken for a tenth taller is solved on bones that are too long, and yet is where the trackers are."""
+    tall = replace(body_motion, skeleton=body_motion.skeleton.scaled(1.1))
+    said = replace(truth.measured_in(tall.skeleton.height_above_toes()), miscalibration=Miscalibration(NONE.slip, 1 / 1.1))
+    expected = updated_on(body_motion, truth).measured_in(said.head_height).lower_positions
+    np.testing.assert_allclose(updated_on(tall, said, targets_of(body_motion)).lower_positions, expected, atol=1e-4)
 
 
 def test_a_variation_keeps_its_manner(body_motion: Motion, truth: Performance) -> None:
