@@ -9,17 +9,15 @@ import pytest
 
 from cbm_addon.features import LOWER_JOINTS
 from cbm_addon.motion.motion import Motion
-from cbm_addon.motion.rotations import Array, multiply, quat_from_yaw, rotate
+from cbm_addon.motion.rotations import Array, multiply, quat_from_rotvec, quat_from_yaw, rotate
 from cbm_addon.solve.fuse import fuse, world_rotations
 from cbm_addon.solve.manner import out_of_body
 from cbm_addon.solve.miscalibration import NONE, Miscalibration
 from cbm_addon.solve.performance import Performance
-from cbm_addon.solve.tracker_update import FAR_WRIST, WRISTS, updated
+from cbm_addon.solve.tracker_update import FAR_WRIST, HIPS, WRISTS, updated
 from cbm_addon.takes.synthesize import synthesize
 from cbm_addon.takes.take import DEVICES
 from tests.performances import true_performance
-
-HIPS = LOWER_JOINTS.index("Hips")
 
 
 def targets_of(motion: Motion) -> dict[str, tuple[Array, Array]]:
@@ -89,6 +87,22 @@ def test_a_tracker_that_is_far_off_does_not_take_the_body_along(body_motion: Mot
     targets["left"] = (position + np.array((meters, 0, 0), np.float32), rotation)
     moved = updated_on(body_motion, truth, targets).lower_positions - updated_on(body_motion, truth).lower_positions
     assert np.linalg.norm(moved, axis=-1).max() < WRISTS * FAR_WRIST / 2
+
+
+def test_hips_on_the_floor_are_not_moved_into_it(body_motion: Motion, truth: Performance) -> None:
+    sitting = truth.lower_positions.copy()
+    sitting[:, HIPS, 2] = 0.05
+    down = {device: (position - np.array((0, 0, 1.2), np.float32), rotation) for device, (position, rotation) in targets_of(body_motion).items()}
+    moved = updated_on(body_motion, replace(truth, lower_positions=sitting), down).lower_positions
+    np.testing.assert_allclose(moved[:, HIPS, 2], 0.05, atol=1e-6)
+
+
+def test_who_lies_is_left_where_they_lie(body_motion: Motion, truth: Performance) -> None:
+    """A spine along the floor says nothing of how high the hips are."""
+    flat = quat_from_rotvec(np.array((np.pi / 2, 0, 0), np.float32))
+    lying = replace(truth, lower_rotations=multiply(flat, truth.lower_rotations), upper_rotations=multiply(flat, truth.upper_rotations))
+    moved = updated_on(body_motion, lying).lower_positions - lying.lower_positions
+    assert np.abs(np.median(moved, axis=0)).max() < 0.01
 
 
 def test_bones_of_a_height_that_was_believed_wrongly_are_those_of_the_performer(body_motion: Motion, truth: Performance) -> None:
