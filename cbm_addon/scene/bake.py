@@ -23,7 +23,7 @@ from ..rigs.pose import BonePose, bone_poses
 from ..rigs.rig import Rig
 from ..rigs.tables import Table
 from ..rigs.travel import Root, object_matrices, root_bone, root_pose, way_over_ground, without_way
-from ..solve.fuse import fusing
+from ..solve.fuse import UpperBody, fusing
 from ..solve.models import Model
 from ..solve.perform import SolveOptions, calibration_warnings, perform, sampled
 from ..takes.calibrate import Calibrated
@@ -207,15 +207,12 @@ def solve_on_rig(
     scale = take_scale(solved, calibrated)
     performance = yield from part(perform(take, head_height, model, options), 0, 0.6)
     times = frame_times(take.times[0], take.times[-1], rate)
+    upper = None
     if kept:
-        at = sampled(take, times)
-        take = replace(
-            at,
-            positions=kept.positions / np.float32(scale),
-            rotations=kept.rotations[:, solved.body.indices(TRACKED_JOINTS)],
-            tracked=np.ones_like(at.tracked),
-        )
-    job = fusing(performance, take, times, solved.body.scaled(1 / scale), solved.sole / scale, kept.rotations if kept else None)
+        at, rotations = sampled(take, times), kept.rotations[:, solved.body.indices(TRACKED_JOINTS)]
+        own = replace(at, positions=kept.positions / np.float32(scale), rotations=rotations, tracked=np.ones_like(at.tracked))
+        upper = UpperBody(own, kept.rotations)
+    job = fusing(performance, take, times, solved.body.scaled(1 / scale), solved.sole / scale, upper)
     motion = yield from part(job, 0.6, 1)
     return replace(motion, skeleton=solved.body, root=motion.root * np.float32(scale))
 

@@ -5,6 +5,8 @@ The body may be the engine's or a rig's: everything here uses the body's own bon
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..features import LOWER_JOINTS, UPPER_JOINTS
@@ -29,28 +31,36 @@ REACHING = 20  # steps in which the chest follows
 FORWARD = np.array([0, -1, 0], np.float32)
 
 
+@dataclass(frozen=True)
+class UpperBody:
+    """An upper body that a motion must have, at its times: head and wrists as a calibrated take, and world rotations [T, J, 4] of the body's joints."""
+
+    take: Take
+    rotations: Array
+
+
 def fuse(performance: Performance, take: Take, times: np.ndarray, body: Skeleton, sole: float = 0.0) -> Motion:
     """`fusing`, at once."""
     return run(fusing(performance, take, times, body, sole))
 
 
-def fusing(performance: Performance, take: Take, times: np.ndarray, body: Skeleton, sole: float = 0.0, upper: Array | None = None) -> Job[Motion]:
+def fusing(performance: Performance, take: Take, times: np.ndarray, body: Skeleton, sole: float = 0.0, upper: UpperBody | None = None) -> Job[Motion]:
     """The motion [T] of `body` at `times`.
 
     take  calibrated (joint poses, metres); its trackers are scaled uniformly about the world origin to the body's standing head height
     sole  metres: height of the body's toe joints (of its ankles, if it has no toes) above the floor when it stands
-    upper  world rotations [T, J, 4] of the body's joints: those of the upper body are used instead of the predicted ones
+    upper  is met instead of the trackers, and turned as it is instead of as predicted; hips and legs are where the trackers say all the same
     """
     scale = np.float32((body.height_above_toes("Head") + sole) / performance.head_height)
     trackers = sampled(take, times)
-    targets = _targets(trackers, scale)
     performance = performance.at(times)
     unit = scale * np.float32(performance.head_height)
     world = world_rotations(body, performance)
     performance = with_manner(updated(performance, body, world, unit, _targets(performance.miscalibration.corrected(trackers), scale)))
-    if upper is not None:
+    if upper:
         above = [i for i, name in enumerate(body.names) if name not in LOWER_JOINTS]
-        world[:, above] = upper[:, above]
+        world[:, above] = upper.rotations[:, above]
+    targets = _targets(upper.take if upper else trackers, scale)
     rate = 1 / float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     yield Progress(0.1, "planting feet")
     ankles = plant_feet(body, performance, world, unit, rate, sole)
