@@ -2,7 +2,7 @@
 
 The networks say where the hips are, and how all above them is turned. On a body whose bones are known both together say where head and wrists are, and
 the trackers know better. What is missed there tells what is wrong with the hips, most of all of performers and bodies that never trained. It is the update
-of a Kalman filter with constant gains, chosen on validation clips; on clips of another data set the same gains come out best.
+of a Kalman filter with constant gains, chosen on validation clips; fitted to another data set they come out alike (docs/model.md).
 """
 
 from __future__ import annotations

@@ -80,11 +80,11 @@ def test_no_frame_knows_of_another(body_motion: Motion, truth: Performance) -> N
     np.testing.assert_array_equal(before, after)
 
 
-@pytest.mark.parametrize("meters", [0.5, 5.0])
-def test_a_tracker_that_is_far_off_does_not_take_the_body_along(body_motion: Motion, truth: Performance, meters: float) -> None:
+@pytest.mark.parametrize("metres", [0.5, 5.0])
+def test_a_tracker_that_is_far_off_does_not_take_the_body_along(body_motion: Motion, truth: Performance, metres: float) -> None:
     targets = targets_of(body_motion)
     position, rotation = targets["left"]
-    targets["left"] = (position + np.array((meters, 0, 0), np.float32), rotation)
+    targets["left"] = (position + np.array((metres, 0, 0), np.float32), rotation)
     moved = updated_on(body_motion, truth, targets).lower_positions - updated_on(body_motion, truth).lower_positions
     assert np.linalg.norm(moved, axis=-1).max() < WRISTS * FAR_WRIST / 2
 
