@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from cbm_addon.evaluate.metrics import measure, measure_raw, weighted_means
-from cbm_addon.features import LOWER_JOINTS, RATE, UPPER_JOINTS
+from cbm_addon.features import LOWER_JOINTS, RATE
 from cbm_addon.motion.motion import Motion
 from cbm_addon.motion.rotations import IDENTITY, multiply, quat_from_yaw, rotate
 from cbm_addon.motion.skeleton import STANDARD_BODY, Skeleton
-from cbm_addon.solve.performance import Performance
+from tests.performances import true_performance
 
 POSITIONS = ("lower_mpjpe_cm", "hips_cm", "feet_cm", "mpjpe_cm", "tracker_cm")
 ANGLES = ("mpjre_deg", "root_deg", "tracker_deg")
@@ -132,24 +132,14 @@ def test_joints_that_the_engine_does_not_know_are_left_out(body_motion: Motion) 
     assert measure(body_motion, other) == measure(body_motion, body_motion)
 
 
-def performance_of(motion: Motion) -> Performance:
-    """What perfect networks would say of a motion."""
-    height = motion.skeleton.height_above_toes("Head")
-    rotations, positions = motion.forward()
-    lower, upper = motion.skeleton.indices(LOWER_JOINTS), motion.skeleton.indices(UPPER_JOINTS)
-    normal = positions[:, lower] / np.float32(height)
-    contacts = np.zeros((len(motion), 4), np.float32)
-    return Performance(motion.times, normal, np.zeros_like(normal), rotations[:, lower], rotations[:, upper], contacts, height, causal=False)
-
-
 def test_a_true_performance_has_no_raw_error(body_motion: Motion) -> None:
-    values = measure_raw(performance_of(body_motion), body_motion)
+    values = measure_raw(true_performance(body_motion), body_motion)
     assert values["raw_lower_mpjpe_cm"] == pytest.approx(0, abs=0.01)
     assert values["raw_tracker_cm"] == pytest.approx(0, abs=0.01)
 
 
 def test_hips_that_are_off_carry_head_and_hands_along(body_motion: Motion) -> None:
-    said = performance_of(body_motion)
+    said = true_performance(body_motion)
     off = said.lower_positions.copy()
     off[:, LOWER_JOINTS.index("Hips"), 1] += np.float32(0.09 / said.head_height)
     values = measure_raw(replace(said, lower_positions=off), body_motion)
