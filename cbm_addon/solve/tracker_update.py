@@ -1,8 +1,8 @@
 """Where the trackers say that the lower body is: a measurement update of what was predicted.
 
 The networks say where the hips are, and how all above them is turned. On a body whose bones are known both together say where head and wrists are, and
-the trackers know better. What is missed there tells what is wrong with the hips, most of all of performers and bodies that never trained. It is the update
-of a Kalman filter with constant gains, chosen on validation clips; fitted to another data set they come out alike (docs/model.md).
+the trackers know better. What is missed there tells what is wrong with the hips, most of all on bodies with other bones than those that trained. It is the
+update of a Kalman filter with constant gains, chosen on validation clips (docs/model.md says for whom they help, and for whom not).
 """
 
 from __future__ import annotations
