@@ -57,14 +57,16 @@ def main() -> None:
 def show(sources: list[Source], seconds: float, everything: bool) -> int:
     """Prints a row a pair; how many were not exact."""
     from cbm_addon.scene.silence import silence
+    from cbm_addon.solve.models import load_model
 
-    performed = list(performances(sources, seconds))
+    model = load_model()
+    performed = list(performances(sources, seconds, model))
     print(f"\n{'take':<26}{'read as':<28}{'rig':<36}{'head':>18}{'wrists':>19}{'slide':>13}{'exact':>10}")
     failures = 0
-    for (name, calibrated, performance, engine), (case, limbs) in pairs(performed, list(rig_cases()), everything):
+    for (name, calibrated, engine), (case, limbs) in pairs(performed, list(rig_cases()), everything):
         with silence():
             new_file()
-            made = baked(case.add(), calibrated, performance, engine, limbs)
+            made = baked(case.add(), calibrated, model, engine, limbs)
         failures += made.exact > (FK if limbs == "fk" else IK)
         report = calibrated.take.report
         rig = case.name + (", IK" if limbs == "ik" else "")
@@ -72,25 +74,21 @@ def show(sources: list[Source], seconds: float, everything: bool) -> int:
     return failures
 
 
-def performances(sources: list[Source], seconds: float) -> Iterator[tuple]:
-    """Name, calibrated take, performance and the motion of the engine's own body, of every take that is read; what is refused is printed."""
+def performances(sources: list[Source], seconds: float, model) -> Iterator[tuple]:
+    """Name, calibrated take and the motion of the engine's own body, of every take that is read; what is refused is printed."""
     from cbm_addon.errors import InputError
-    from cbm_addon.progress import run
     from cbm_addon.scene.silence import silence
-    from cbm_addon.solve.models import load_model
-    from cbm_addon.solve.perform import SolveOptions, perform
 
-    model = load_model()
     for source in sources:
         try:
             with silence():
                 new_file()
                 calibrated = piece(source.read(), seconds)
-                performance = run(perform(calibrated.take, calibrated.calibration.head_height, model, SolveOptions()))
+                engine = motion_of_the_engine(calibrated, model)
         except InputError as refusal:
             print(f"refused: {refusal}", flush=True)
             continue
-        yield source.name, calibrated, performance, motion_of_the_engine(calibrated, performance)
+        yield source.name, calibrated, engine
 
 
 def row(made: Baked) -> str:

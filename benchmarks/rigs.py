@@ -52,25 +52,23 @@ def main() -> None:
 
 
 def show(seconds: float, only: str) -> None:
-    from cbm_addon.progress import run
     from cbm_addon.scene.silence import silence
     from cbm_addon.solve.models import load_model
-    from cbm_addon.solve.perform import SolveOptions, perform, sampled
+    from cbm_addon.solve.perform import sampled
     from cbm_addon.takes.calibrate import calibrate
     from cbm_addon.takes.sample_motion import sample_take
 
     calibrated = calibrate(sampled(sample_take(), np.arange(2, 2 + seconds, 1 / 72)))
     calibrated = replace(calibrated, take=replace(calibrated.take, times=calibrated.take.times - calibrated.take.times[0]))
     model = load_model()
-    performance = run(perform(calibrated.take, calibrated.calibration.head_height, model, SolveOptions()))
-    engine = motion_of_the_engine(calibrated, performance)
+    engine = motion_of_the_engine(calibrated, model)
     print(f"{'rig':<34}{'bones':>6}  {'taken for':<22}{'score':>6}{'wrong':>6}{'shape':>6}{'exact':>7}{'head':>14}{'wrists':>14}{'slide':>13}")
     for case in cases():
         if only.lower() in case.name.lower():
             with silence():
                 new_file()
                 armature = case.add()
-                row = measure(armature, case, calibrated, performance, engine)
+                row = measure(armature, case, calibrated, model, engine)
             print(f"{case.name:<34}{row}", flush=True)
 
 
@@ -165,7 +163,7 @@ def vrm_map(armature) -> dict[str, str]:
     return {joint: getattr(bones, name).node.bone_name for joint, name in VRM.items()}
 
 
-def measure(armature, case: Case, calibrated, performance, engine) -> str:
+def measure(armature, case: Case, calibrated, model, engine) -> str:
     from cbm_addon.rigs.recognize import recognize
     from cbm_addon.scene.rig import read_bones, read_rig
 
@@ -174,7 +172,7 @@ def measure(armature, case: Case, calibrated, performance, engine) -> str:
     rig = read_rig(armature)
     named = rig.mapping.joints | rig.mapping.fingers
     wrong = str(sum(named.get(joint) != bone for joint, bone in truth.items())) if truth else "-"
-    made = baked(armature, calibrated, performance, engine)
+    made = baked(armature, calibrated, model, engine)
     near, turns = (made.apart < 0.01).mean(axis=0), made.off.max(axis=0)
     return (
         f"{len(rig.bones):>6}  {rig.mapping.kind:<22}{found.score:>6.2f}{wrong:>6}{by_shape(rig):>6}{made.exact:>7.3f}"
@@ -200,25 +198,21 @@ class Baked:
     engine_slide: float
 
 
-def baked(armature, calibrated, performance, engine, limbs: str = "fk") -> Baked:
+def baked(armature, calibrated, model, engine, limbs: str = "fk") -> Baked:
     from cbm_addon.motion.contacts import CONTACT_JOINTS
-    from cbm_addon.motion.resample import frame_times
     from cbm_addon.motion.rotations import difference, inverse, multiply, quat_from_matrix
     from cbm_addon.progress import run
     from cbm_addon.rigs.body import rig_body
     from cbm_addon.scene.action import write_action
-    from cbm_addon.scene.bake import rig_channels, take_scale
+    from cbm_addon.scene.bake import rig_channels, solve_on_rig, take_scale
     from cbm_addon.scene.rig import read_rig
-    from cbm_addon.solve.fuse import fusing
-    from cbm_addon.solve.perform import sampled
+    from cbm_addon.solve.perform import SolveOptions, sampled
     from cbm_addon.takes.synthesize import TRACKED_JOINTS
 
     rig = read_rig(armature)
     solved = rig_body(rig)
     scale = take_scale(solved, calibrated)
-    times = frame_times(calibrated.take.times[0], calibrated.take.times[-1], RATE)
-    motion = run(fusing(performance, calibrated.take, times, solved.body.scaled(1 / scale), solved.sole / scale))
-    motion = replace(motion, skeleton=solved.body, root=motion.root * np.float32(scale))
+    motion = run(solve_on_rig(solved, calibrated, model, SolveOptions(), RATE))
     write_action(armature, "bake", 1.0 + np.arange(len(motion)), list(rig_channels(armature, rig, solved, motion, limbs=limbs)))
     matrices = evaluated(armature, [rig.mapping.joints[name] for name in solved.body.names], len(motion))
     heads = matrices[..., :3, 3]
@@ -273,12 +267,16 @@ def slide(feet: np.ndarray) -> float:
     return float(100 * np.median(speed[low & (speed < CONTACT_SPEED)]))
 
 
-def motion_of_the_engine(calibrated, performance):
+def motion_of_the_engine(calibrated, model):
+    from cbm_addon.features import proportions_of
     from cbm_addon.motion.resample import frame_times
     from cbm_addon.motion.skeleton import STANDARD_BODY
+    from cbm_addon.progress import run
     from cbm_addon.solve.fuse import fuse
+    from cbm_addon.solve.perform import SolveOptions, perform
 
     body = STANDARD_BODY.scaled(calibrated.calibration.head_height / STANDARD_BODY.height_above_toes("Head"))
+    performance = run(perform(calibrated.take, calibrated.calibration.head_height, proportions_of(body), model, SolveOptions()))
     return fuse(performance, calibrated.take, frame_times(calibrated.take.times[0], calibrated.take.times[-1], RATE), body)
 
 

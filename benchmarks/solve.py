@@ -22,6 +22,7 @@ os.environ.pop("OPENBLAS_CORETYPE", None)  # numpy at its own speed
 import numpy as np  # noqa: E402
 
 from cbm_addon.evaluate.baselines import carry_legs  # noqa: E402
+from cbm_addon.features import STANDARD_PROPORTIONS  # noqa: E402
 from cbm_addon.motion.skeleton import STANDARD_BODY  # noqa: E402
 from cbm_addon.progress import run  # noqa: E402
 from cbm_addon.solve.fuse import fuse  # noqa: E402
@@ -96,7 +97,7 @@ def stages(take: Take, model: Model, options: SolveOptions) -> dict[str, float]:
     given = model.networks(options.mode)
     timed = TimedNetworks(**{name.name: getattr(given, name.name) for name in fields(ModeNetworks)})
     started = time.perf_counter()
-    performance = run(perform(take, STANDARD_BODY.height_above_toes("Head"), replace(model, modes={options.mode: timed}), options))
+    performance = run(perform(take, STANDARD_BODY.height_above_toes("Head"), STANDARD_PROPORTIONS, replace(model, modes={options.mode: timed}), options))
     performed = time.perf_counter()
     fuse(performance, take, take.times, STANDARD_BODY)
     done = time.perf_counter()

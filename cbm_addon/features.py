@@ -4,8 +4,10 @@ Everything is a set of 3-vectors per frame (positions, velocities, the two first
 ground frame at the frame that is being solved, with lengths divided by the standing height of the head joint. An anchor only turns
 vectors about Z and moves positions over the floor, so one gather and one 2D rotation make a feature vector.
 
-Stage 1, control:      tracker window -> root and upper body over a sequence      (paper, eq. 6)
-Stage 2, lower body:   tracker window -> hips, legs and contacts over a sequence  (paper, eq. 8)
+The networks also see the PROPORTIONS of the body that they move: performers differ in build, and rigs in where their joints are.
+
+Stage 1, control:      tracker window, proportions -> root and upper body over a sequence      (paper, eq. 6)
+Stage 2, lower body:   tracker window, proportions -> hips, legs and contacts over a sequence  (paper, eq. 8)
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from .motion.contacts import CONTACT_JOINTS, contact_labels
 from .motion.ground_frame import GroundFrame, ground_frame, root_frame
 from .motion.motion import Motion
 from .motion.rotations import Array, rotate, sixd_from_quat
+from .motion.skeleton import STANDARD_BODY, Skeleton, chest_of
 from .takes.take import DEVICES, Take
 
 RATE = 30.0  # frames per second of everything that is learned
@@ -28,6 +31,12 @@ UPPER_JOINTS = (
     "RightShoulder", "RightArm", "RightForeArm",
 )  # fmt: skip
 LOWER_JOINTS = ("Hips", "LeftUpLeg", "LeftLeg", "LeftFoot", "LeftToe", "RightUpLeg", "RightLeg", "RightFoot", "RightToe")
+
+
+PROPORTIONS = (
+    "hips.height", "hip.height", "ankle.height", "hip.width", "thigh", "shin", "foot",
+    "back", "neck", "shoulder.width", "upper_arm", "forearm",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -125,6 +134,40 @@ class Frames:
         origin = anchors.origin.reshape(len(anchors.origin), *[1] * (turned.ndim - 2), 3)
         turned[..., : len(layout.points), :2] += origin[..., :2]
         return turned, features[..., count:]
+
+
+def proportions_of(body: Skeleton, sole: float = 0.0) -> Array:
+    """The PROPORTIONS of a body, float32 [P]: heights over the floor at rest and lengths, in head heights.
+
+    sole  height of the body's toe joints over the floor, in its unit of length
+    """
+    rest = body.rest_positions()
+    rest[:, 2] += sole + body.height_above_toes("Head") - rest[body.index("Head"), 2]
+
+    def apart(a: str, b: str) -> float:
+        return float(np.linalg.norm(rest[body.index(a)] - rest[body.index(b)]))
+
+    def height(joint: str) -> float:
+        return float(rest[body.index(joint), 2])
+
+    chest = body.names[chest_of(body)]
+    unit = height("Head")
+    foot = apart("LeftFoot", "LeftToe") / unit if "LeftToe" in body else AVERAGE_FOOT
+    lengths = [
+        height("Hips"), height("LeftUpLeg"), height("LeftFoot"), apart("LeftUpLeg", "RightUpLeg"),
+        apart("LeftUpLeg", "LeftLeg"), apart("LeftLeg", "LeftFoot"), foot * unit,
+        apart("Hips", chest), apart(chest, "Head"), apart("LeftArm", "RightArm"), apart("LeftArm", "LeftForeArm"), apart("LeftForeArm", "LeftHand"),
+    ]  # fmt: skip
+    return (np.array(lengths) / unit).astype(np.float32)
+
+
+AVERAGE_FOOT = float(np.linalg.norm(STANDARD_BODY.offsets[STANDARD_BODY.index("LeftToe")])) / STANDARD_BODY.height_above_toes("Head")
+STANDARD_PROPORTIONS = proportions_of(STANDARD_BODY)
+
+
+def network_input(windows: Array, proportions: Array) -> Array:
+    """What the networks see, flat [N, O * TRACKERS.size + P]: tracker windows [N, O, TRACKERS.size], then proportions [N, P], or [P] of them all."""
+    return np.concatenate((windows.reshape(len(windows), -1), np.broadcast_to(proportions, (len(windows), len(PROPORTIONS)))), axis=-1)
 
 
 def _turn(vectors: Array, anchors: GroundFrame, sign: int) -> Array:

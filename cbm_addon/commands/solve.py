@@ -46,6 +46,7 @@ def solve_options(args: argparse.Namespace) -> Any:
 
 
 def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
+    from ..features import proportions_of
     from ..learn.dataset import read_body_motion
     from ..motion.bvh import write_bvh
     from ..motion.resample import frame_times
@@ -69,12 +70,12 @@ def run(args: argparse.Namespace, console: Console) -> dict[str, Any]:
         else:
             body = STANDARD_BODY.scaled(calibration.head_height / STANDARD_BODY.height_above_toes("Head"))
         # The body is the person's own: its head height is the take's, so that the world stays that of the take.
-        head_height = body.height_above_toes("Head")
+        head_height, proportions = body.height_above_toes("Head"), proportions_of(body)
         warnings = [*calibration.warnings, *calibration_warnings(take, head_height, model, options)]
         for warning in warnings:
             console.say(f"{args.take}: {warning}")
         started = time.perf_counter()
-        performance = console.run(perform(take, head_height, model, options))
+        performance = console.run(perform(take, head_height, proportions, model, options))
         motion = fuse(performance, take, frame_times(take.times[0], take.times[-1], args.fps), body)
         seconds = time.perf_counter() - started
         write_bvh(temporary, motion)

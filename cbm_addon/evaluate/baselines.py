@@ -66,8 +66,8 @@ class ShuffledNetworks(ModeNetworks):
 
     seed: int
 
-    def estimate(self, windows: Array) -> Estimate:
-        own = super().estimate(windows)
+    def estimate(self, windows: Array, proportions: Array) -> Estimate:
+        own = super().estimate(windows, proportions)
         return replace(own, logits=own.logits[np.random.default_rng(self.seed).permutation(len(windows))])
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..errors import InputError
+from ..features import proportions_of
 from ..learn.dataset import find_clips, read_datasets
 from ..learn.split import read_split
 from ..motion.skeleton import Skeleton
@@ -76,7 +77,7 @@ def of_model(model: Model, shuffled: bool = False) -> Method:
 
     def method(take: Take, body: Skeleton, options: SolveOptions) -> Job[Performance]:
         used = shuffle_codes(model, options.seed) if shuffled else model
-        return perform(take, body.height_above_toes("Head"), used, options)
+        return perform(take, body.height_above_toes("Head"), proportions_of(body), used, options)
 
     return method
 

@@ -10,13 +10,14 @@ import numpy as np
 from ..features import Layout
 from ..motion.motion import Motion
 from ..motion.resample import frame_times, resample
-from ..motion.rotations import Array, multiply, quat_from_yaw
+from ..motion.rotations import Array, multiply, quat_from_yaw, rotate
 from ..takes.gaps import fill
 from ..takes.slip import Slip, slipped
 from ..takes.take import HANDS, HEAD, Take
 
-PROPORTION = 0.06  # the deviation of what legs, torso and arms each are of their length, as logarithm
+PROPORTION = 0.07  # the deviation of what legs, torso and arms each are of their length, as logarithm
 TEMPO = 0.1  # and of the speed of the whole clip
+HIPS = (-0.03, 0.09)  # head heights: where skeletons have their hips, over the joints of their legs
 ARMS = ("Arm", "ForeArm", "Hand")
 SLIP, TILT = 0.06, np.radians(8)  # metres per axis and radians per axis (deviations): how a controller sits otherwise than was thought
 LOOK = np.radians(35)  # the deviation of the angles to which the head turns
@@ -28,7 +29,7 @@ LOST = (0.3, 6.0)  # seconds that a loss lasts
 
 
 def vary(motion: Motion, seed: int) -> Motion:
-    """The same performance by a body of other proportions, at another tempo, sampled at the same rate.
+    """The same performance by a body of other proportions, with its hips at another place in the same pelvis, at another tempo, sampled at the same rate.
 
     Hips, legs and the way over the ground grow by one factor, so that planted feet stay planted; torso and arms by factors of their own.
     """
@@ -40,7 +41,17 @@ def vary(motion: Motion, seed: int) -> Motion:
     skeleton = replace(motion.skeleton, offsets=motion.skeleton.offsets * factors[:, None])
     offsets = None if motion.offsets is None else motion.offsets * factors[:, None]
     varied = replace(motion, skeleton=skeleton, root=motion.root * legs, times=motion.times / tempo, offsets=offsets)
-    return resample(varied, frame_times(varied.times[0], varied.times[-1], motion.rate))
+    rise = random.uniform(*HIPS) * skeleton.height_above_toes("Head") + skeleton.offsets[skeleton.index("LeftUpLeg"), 2]
+    return resample(move_hips(varied, rise), frame_times(varied.times[0], varied.times[-1], motion.rate))
+
+
+def move_hips(motion: Motion, rise: float) -> Motion:
+    """The same motion with its first joint, the hips, farther up in the same pelvis by `rise`, metres at rest; all other joints stay where they are."""
+    up = np.array([0, 0, rise], np.float32)
+    below = (motion.skeleton.parents == 0)[:, None]
+    skeleton = replace(motion.skeleton, offsets=np.where(below, motion.skeleton.offsets - up, motion.skeleton.offsets))
+    offsets = None if motion.offsets is None else np.where(below, motion.offsets - up, motion.offsets)
+    return replace(motion, skeleton=skeleton, root=motion.root + rotate(motion.rotations[:, 0], up), offsets=offsets)
 
 
 def roughen(take: Take, stature: float, seed: int) -> Take:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..features import RATE, TRACKERS, Frames, Mode, control_frames, lower_body_frames, tracker_frames
+from ..features import RATE, TRACKERS, Frames, Mode, control_frames, lower_body_frames, proportions_of, tracker_frames
 from ..motion.bvh import read_bvh
 from ..motion.ground_frame import GroundFrame, ground_frame
 from ..motion.mirror import mirror
@@ -31,7 +31,7 @@ SHOULDERS_LIMIT, HEAD_LIMIT = np.radians((90, 120))  # from the hips, in the mid
 @dataclass(frozen=True)
 class ClipFrames:
     """One clip as the networks see it, T frames at RATE: trackers and anchors as they are, the same as a rough recording has them
-    (learn/augment.py), control and lower body."""
+    (learn/augment.py), control, lower body, and the proportions [P] of the body."""
 
     stem: str
     trackers: Frames
@@ -40,6 +40,7 @@ class ClipFrames:
     rough_anchors: GroundFrame
     control: Frames
     lower_body: Frames
+    proportions: Array
 
 
 def clip_frames(stem: str, motion: Motion, seed: int = 0) -> ClipFrames:
@@ -48,7 +49,8 @@ def clip_frames(stem: str, motion: Motion, seed: int = 0) -> ClipFrames:
     take = synthesize(motion)
     trackers, anchors = tracker_frames(take, head_height)
     rough = tracker_frames(roughen(take, motion.skeleton.height_above_toes(), seed), head_height)
-    return ClipFrames(stem, trackers, anchors, *rough, control_frames(motion, head_height), lower_body_frames(motion, head_height))
+    control, lower_body = control_frames(motion, head_height), lower_body_frames(motion, head_height)
+    return ClipFrames(stem, trackers, anchors, *rough, control, lower_body, proportions_of(motion.skeleton))
 
 
 def find_clips(sources: list[Path]) -> list[Path]:
@@ -105,7 +107,8 @@ def faces_one_way(motion: Motion) -> bool:
 
 @dataclass(frozen=True)
 class Dataset:
-    """Clips of one split laid end to end. `first` and `last` int [F]: the clip borders of each frame, so that windows never mix clips."""
+    """Clips of one split laid end to end. `first` and `last` int [F]: the clip borders of each frame, so that windows never mix clips.
+    `proportions` float32 [F, P]: those of whose body each frame is."""
 
     trackers: Frames
     anchors: GroundFrame
@@ -115,6 +118,7 @@ class Dataset:
     lower_body: Frames
     first: np.ndarray
     last: np.ndarray
+    proportions: Array
     stems: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -183,6 +187,7 @@ def join(clips: list[ClipFrames]) -> Dataset:
         lower_body=lay([clip.lower_body for clip in clips]),
         first=np.repeat(ends - lengths, lengths),
         last=np.repeat(ends - 1, lengths),
+        proportions=np.repeat([clip.proportions for clip in clips], lengths, axis=0),
         stems=tuple(clip.stem for clip in clips),
     )
 

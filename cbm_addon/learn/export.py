@@ -55,6 +55,7 @@ def export(trained: list[Networks], folder: Path, facts: dict) -> Path:
                 "channels": n.lower_body.channels,
                 "classes": n.lower_body.classes,
                 "history": n.history,
+                "proportions_range": n.proportions.astype(float).round(5).tolist(),
                 "manners": n.manners.astype(float).round(5).tolist(),
             }
             | ({"miscalibration": n.miscalibration.told} if n.miscalibration else {})

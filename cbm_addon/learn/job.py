@@ -84,6 +84,7 @@ def _taken_over(folder: Path, config: TrainConfig, data: dict[str, Dataset]) -> 
             networks = build(data["train"], MODES[name], config)
             start_from(folder, networks)
             networks.modules().eval()
-            networks.history, networks.manners = entry["history"], np.array(entry["manners"], np.float32)
+            networks.history = entry["history"]
+            networks.proportions, networks.manners = (np.array(entry[key], np.float32) for key in ("proportions_range", "manners"))
             found.append(networks)
     return found

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ..features import tracker_frames
+from ..features import STANDARD_PROPORTIONS, network_input, tracker_frames
 from ..motion.mirror import mirror
 from ..motion.motion import Motion
 from ..motion.rotations import Array
@@ -21,7 +21,7 @@ from ..progress import Job, Progress, part
 from ..takes.devices import CONTROLLERS
 from ..takes.slip import Slip, mistaken, slipped
 from ..takes.synthesize import synthesize
-from .augment import draw_slip
+from .augment import draw_slip, vary
 from .dataset import read_sound_motion
 from .split import split_of
 from .statistics import Statistics
@@ -29,7 +29,7 @@ from .statistics import Statistics
 if TYPE_CHECKING:
     from .training import Networks
 
-TAKES = 8  # are made of each clip and of its mirror image
+TAKES = 8  # are made of each clip, of its mirror image, and of the same by other bodies
 WINDOWS = 40  # are seen of each
 EXACT, MISTAKEN = 0.2, 0.25  # how many of them are calibrated well, and how many as recordings of other controllers
 WIDE, NEAR = 1.4, 0.3  # the slips of the others, and those besides a mistake, as shares of what `draw_slip` draws
@@ -87,20 +87,22 @@ def examples(motions: list[Motion], networks: Networks, seed: int) -> Examples:
             trackers, anchors = tracker_frames(slipped(take, slip), believed)
             frames = np.linspace(0, len(trackers) - 1, WINDOWS).round().astype(int)
             windows = trackers.seen_from(anchors[frames], frames[:, None] + np.array(networks.mode.window))
-            found.append(networks.features(torch.from_numpy(windows.reshape(WINDOWS, -1))).numpy().astype(np.float16))
+            seen = network_input(windows, STANDARD_PROPORTIONS)
+            found.append(networks.features(torch.from_numpy(seen)).numpy().astype(np.float16))
             targets.append(np.concatenate((slip.offset / believed, slip.turn, [np.log(height)])))
     return Examples(np.stack(found), np.array(targets, np.float32))
 
 
 def learn_miscalibration(clips: list[Path], split: dict[str, str], networks: Networks, seed: int) -> Job[MiscalibrationNetwork]:
-    """Trains on the training clips and their mirror images, and measures on the validation clips."""
+    """Trains on the training clips, their mirror images and the same by other bodies, and measures on the validation clips."""
     made: dict[str, list[Examples]] = {"train": [], "validation": []}
     for i, path in enumerate(clips):
         yield Progress(0.6 * i / len(clips), f"miscalibrating {path.name}")
         name = split_of(path.stem, split)
         if name in made and (motion := read_sound_motion(path)):
-            sides = [motion, mirror(motion)] if name == "train" else [motion]
-            made[name].append(examples(sides, networks, zlib.crc32(f"{seed}/{path.stem}".encode())))
+            own = zlib.crc32(f"{seed}/{path.stem}".encode())
+            bodies = [motion, mirror(motion), vary(motion, own), mirror(vary(motion, own + 1))] if name == "train" else [motion]
+            made[name].append(examples(bodies, networks, own))
     train = _joined(made["train"])
     found = yield from part(_fit(train, seed), 0.6, 1)
     found.told = _measured(found, _joined(made["validation"]) if made["validation"] else train)

@@ -39,6 +39,8 @@ def start_from(folder: Path, networks: Networks) -> None:
     except (StopIteration, RuntimeError) as error:
         raise InputError(folder, "has networks of other sizes than the configuration; start from a model that was trained with the same sizes") from error
     networks.statistics = {"window": window, "control": control, "lower_body": lower_body}
+    seen = np.stack((networks.proportions, card["modes"][mode]["proportions_range"]))
+    networks.proportions = np.stack((seen[:, 0].min(axis=0), seen[:, 1].max(axis=0)))
 
 
 @torch.no_grad()

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from ..errors import InputError
-from ..features import CONTROL, LOWER_BODY, LOWER_JOINTS, MODES, TRACKERS, Mode
+from ..features import CONTROL, LOWER_BODY, LOWER_JOINTS, MODES, PROPORTIONS, TRACKERS, Mode, network_input
 from ..progress import Progress, part
 from .augment import misjudge_height
 from .config import Trainable, TrainConfig
@@ -26,7 +26,7 @@ from .rivals import ConditionalVae, ContinuousMatching
 from .statistics import Statistics
 
 Stage2 = CodebookMatching | ConditionalVae | ContinuousMatching
-ENCODER_SHARE = 0.2  # of the steps, in which the encoder of a model that is trained further finds the codes of its decoder
+ENCODER_STEPS = 500  # in which the encoder of a model that is trained further finds the codes of its decoder; a fifth of all at most
 NEAR, FAR = 3.0, 0.3  # causally: frames over which a prediction's importance falls, and what is left of it for the last ones
 CONTACTS = 3.0  # and how much more contacts count than other numbers
 LOSSES = ("control", "regression", "reconstruction", "matching")
@@ -43,6 +43,7 @@ class Networks:
     lower_body  stage 2
     history     of each epoch the mean losses (LOSSES) and what `validate` found
     manners     float32 [M, 9, 3]: what variations differ by (learn/manner.py)
+    proportions  float32 [2, P]: the least and the most that was seen of each of features.PROPORTIONS
     miscalibration  what tells it from features (learn/miscalibration.py), if the mode looks ahead
     """
 
@@ -53,6 +54,7 @@ class Networks:
     lower_body: Stage2
     statistics: dict[str, Statistics]
     history: list[dict[str, float]]
+    proportions: np.ndarray
     manners: np.ndarray = field(default_factory=lambda: np.zeros((0, len(LOWER_JOINTS), 3), np.float32))
     miscalibration: MiscalibrationNetwork | None = None
 
@@ -61,7 +63,7 @@ class Networks:
         return nn.ModuleDict(parts | {"statistics": nn.ModuleDict(self.statistics)})
 
     def features(self, window: Tensor) -> Tensor:
-        """What the trunk makes of tracker windows [N, inputs] as they are."""
+        """What the trunk makes of windows and proportions (features.network_input) as they are."""
         return self.trunk(self.statistics["window"].normalise(window))
 
     def losses(self, window: Tensor, control: Tensor, lower: Tensor, matching: str) -> Tensor:
@@ -91,7 +93,7 @@ def statistics(data: Dataset, mode: Mode, seed: int) -> dict[str, Statistics]:
     chosen = np.random.default_rng(seed).choice(len(data), size=min(len(data), 8192), replace=False)
     found = {}
     for name, values in zip(LAYOUTS, data.batch(chosen, mode), strict=True):
-        flat = torch.from_numpy(values.reshape(len(values), -1))
+        flat = torch.from_numpy(network_input(values, data.proportions[chosen]) if name == "window" else values.reshape(len(values), -1))
         deviation = flat.std(0)
         # A number that hardly varies must not be blown up: no deviation below a fifth of the typical one.
         found[name] = Statistics(flat.mean(0), torch.maximum(deviation, deviation.median() / 5).clamp(min=1e-4))
@@ -111,6 +113,7 @@ def build(data: Dataset, mode: Mode, config: TrainConfig) -> Networks:
         stage2(lower, config),
         stats,
         [],
+        np.stack((data.proportions.min(axis=0), data.proportions.max(axis=0))),
     )
 
 
@@ -131,7 +134,7 @@ def stage2(outputs: int, config: TrainConfig) -> Stage2:
 def tensors(
     data: Dataset, frames: np.ndarray, networks: Networks, rough: np.ndarray | None = None, heights: np.ndarray | None = None
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Normalised window, control and lower body of a batch of frames int [N].
+    """Normalised window (with proportions), control and lower body of a batch of frames int [N].
 
     rough    bool [N]: whose trackers are those of a rough recording
     heights  float32 [N]: the true head height as a share of the one that is believed
@@ -139,16 +142,17 @@ def tensors(
     found = []
     for (name, layout), values in zip(LAYOUTS.items(), data.batch(frames, networks.mode, rough), strict=True):
         seen = values if heights is None else misjudge_height(layout, values, heights)
-        found.append(networks.statistics[name].normalise(torch.from_numpy(seen.reshape(len(seen), -1))))
+        flat = network_input(seen, data.proportions[frames]) if name == "window" else seen.reshape(len(seen), -1)
+        found.append(networks.statistics[name].normalise(torch.from_numpy(flat)))
     return tuple(found)  # type: ignore[return-value]
 
 
 def disturb(window: Tensor, offsets: int, noise: float) -> Tensor:
-    """A tracker window with an error that is constant over it, as a wrong calibration makes: N(0, noise) deviations times ten per number
-    of one frame, and N(0, noise) per sample."""
-    per_frame = window.shape[1] // offsets
-    constant = torch.randn(len(window), 1, per_frame) * (10 * noise)
-    return window + (constant + torch.randn(len(window), offsets, per_frame) * noise).flatten(1)
+    """A tracker window and proportions with an error that is constant over it, as a wrong calibration and a rig unlike the performer make: N(0, noise)
+    deviations times ten per number of one frame and per proportion, and N(0, noise) per sample."""
+    constant = torch.randn(len(window), 1, TRACKERS.size) * (10 * noise)
+    errors = (constant + torch.randn(len(window), offsets, TRACKERS.size) * noise).flatten(1)
+    return window + torch.cat((errors, torch.randn(len(window), len(PROPORTIONS)) * (10 * noise)), -1)
 
 
 @torch.no_grad()
@@ -231,7 +235,7 @@ def train_mode(
         for step, frames in enumerate(data["train"].drawn(config.batch, config.seed * 1000 + epoch)):
             now = epoch * steps + step
             for module in held:
-                module.requires_grad_(now >= ENCODER_SHARE * total)
+                module.requires_grad_(now >= min(ENCODER_STEPS, total // 5))
             rate = config.learning_rate * min(1.0, (now + 1) / warmup) * 0.5 * (1 + math.cos(math.pi * now / total))
             for group in optimiser.param_groups:
                 group["lr"] = rate

@@ -95,6 +95,11 @@ class Skeleton:
         return float(rest[self.index(joint), 2] - lowest)
 
 
+def chest_of(body: Skeleton) -> int:
+    """The joint that carries the shoulders."""
+    return int(body.parents[body.index("LeftShoulder" if "LeftShoulder" in body else "LeftArm")])
+
+
 def _standard_body() -> Skeleton:
     """A body of 1.75 m in the T-pose that faces -Y, hips at the origin; segment lengths after Drillis and Contini (1966), as shares of stature."""
     stature = 1.75

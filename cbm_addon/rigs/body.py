@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..features import proportions_of
 from ..motion.rotations import Array, multiply, quat_between, quat_from_yaw, rotate
 from ..motion.skeleton import Skeleton
 from .rig import SIDES, Mapping, Rig
@@ -30,6 +31,11 @@ class RigBody:
     body: Skeleton
     alignment: Array
     sole: float
+
+    @property
+    def proportions(self) -> Array:
+        """What the networks see of the rig (features.PROPORTIONS)."""
+        return proportions_of(self.body, self.sole)
 
 
 def rig_body(rig: Rig, fingers: Collection[str] = ()) -> RigBody:

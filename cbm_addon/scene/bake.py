@@ -205,7 +205,7 @@ def solve_on_rig(
     """
     take, head_height = calibrated.take, calibrated.calibration.head_height
     scale = take_scale(solved, calibrated)
-    performance = yield from part(perform(take, head_height, model, options), 0, 0.6)
+    performance = yield from part(perform(take, head_height, solved.proportions, model, options), 0, 0.6)
     times = frame_times(take.times[0], take.times[-1], rate)
     upper = None
     if kept:

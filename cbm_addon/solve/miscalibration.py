@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..features import tracker_frames
+from ..features import STANDARD_PROPORTIONS, tracker_frames
 from ..motion.rotations import Array
 from ..takes.slip import Slip, slipped
 from ..takes.take import HANDS, Take
@@ -49,14 +49,17 @@ NONE = Miscalibration(Slip(np.zeros(3, np.float32), np.zeros(3, np.float32)), 1.
 
 
 def find_miscalibration(take: Take, head_height: float, networks: ModeNetworks) -> Miscalibration:
-    """The miscalibration of a calibrated take sampled at the engine's rate; NONE where the networks do not tell it, or never both hands were tracked."""
+    """The miscalibration of a calibrated take sampled at the engine's rate; NONE where the networks do not tell it, or never both hands were tracked.
+
+    They are asked for the standard body, whatever moves: bones of a rig say nothing of how the performer was measured.
+    """
     frames = np.flatnonzero(take.tracked[:, HANDS].all(axis=-1))
     if not networks.tells_miscalibration or not len(frames):
         return NONE
     frames = frames[np.unique(np.linspace(0, len(frames) - 1, WINDOWS).round().astype(int))]
     trackers, anchors = tracker_frames(take, head_height)
     windows = trackers.seen_from(anchors[frames], frames[:, None] + np.array(networks.mode.window))
-    told = networks.miscalibration(networks.estimate(windows).features).mean(axis=0)
+    told = networks.miscalibration(networks.estimate(windows, STANDARD_PROPORTIONS).features).mean(axis=0)
     offset, turn, height = told[:3] * np.float32(head_height), told[3:6], told[6]
     slips, grown = _sure(offset, OFFSET), _sure(height, HEIGHT) * (abs(height) < POSTURE)
     return Miscalibration(Slip(slips * offset, slips * turn), float(np.exp(grown * height)))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..features import CONTROL, LOWER_BODY, LOWER_JOINTS, MODES, RATE, TRACKERS, Mode
+from ..features import CONTROL, LOWER_BODY, LOWER_JOINTS, MODES, PROPORTIONS, RATE, TRACKERS, Mode, network_input
 from ..model_folder import MODELS_FOLDER, card_of_format, open_session, session_options, verify_files
 from ..motion.rotations import Array
 
@@ -27,6 +27,7 @@ def signature(mode: Mode) -> dict[str, Any]:
         "window_offsets": list(mode.window),
         "sequence_offsets": list(mode.sequence),
         **{name: [*layout.points, *layout.directions, *layout.scalars] for name, layout in layouts.items()},
+        "proportions": list(PROPORTIONS),
     }
 
 
@@ -42,17 +43,20 @@ class Estimate:
 
 @dataclass(frozen=True)
 class ModeNetworks:
-    """The sessions of one mode, PARTS and MISCALIBRATION; every call takes and gives float32 batches. `manners` [M, 9, 3] are those of solve/manner.py."""
+    """The sessions of one mode, PARTS and MISCALIBRATION; every call takes and gives float32 batches. `manners` [M, 9, 3] are those of solve/manner.py;
+    `proportions` [2, P] are the least and the most that training saw of each."""
 
     mode: Mode
     channels: int
     classes: int
     sessions: dict[str, Any]
     manners: Array
+    proportions: Array
 
-    def estimate(self, windows: Array) -> Estimate:
-        """What tracker windows [N, O, .] say."""
-        control, logits, features = self.sessions["estimator"].run(["control", "logits", "features"], {"window": windows.reshape(len(windows), -1)})
+    def estimate(self, windows: Array, proportions: Array) -> Estimate:
+        """What tracker windows [N, O, .] say of a body of these proportions [P]. Of a body unlike all that trained the nearest that did is asked for."""
+        seen = network_input(windows, np.clip(proportions, *self.proportions))
+        control, logits, features = self.sessions["estimator"].run(["control", "logits", "features"], {"window": seen})
         return Estimate(
             control.reshape(len(windows), len(self.mode.sequence), CONTROL.size), logits.reshape(len(windows), self.channels, self.classes), features
         )
@@ -127,6 +131,7 @@ def load_model(folder: Path | None = None, threads: int = 0) -> Model:
             entry["classes"],
             {part: open_session(folder / f"{name}.{part}.onnx", options) for part in _parts(name, card)},
             np.array(entry.get("manners", []), np.float32).reshape(-1, len(LOWER_JOINTS), 3),
+            np.array(entry["proportions_range"], np.float32),
         )
         for name, entry in card["modes"].items()
     }

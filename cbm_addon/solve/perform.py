@@ -57,8 +57,9 @@ def sampled(take: Take, times: np.ndarray) -> Take:
     )
 
 
-def perform(take: Take, head_height: float, model: Model, options: SolveOptions) -> Generator[Progress, None, Performance]:
-    """Stages 1 and 2 on a calibrated take; `head_height` is the standing height of the head joint, metres.
+def perform(take: Take, head_height: float, proportions: Array, model: Model, options: SolveOptions) -> Generator[Progress, None, Performance]:
+    """Stages 1 and 2 on a calibrated take; `head_height` is the standing height of the head joint, metres, and `proportions` [P] those of
+    the body that is to move (features.proportions_of).
 
     Half of the candidates answer the take's mirror image; looking ahead, half of either answer a smaller performer and half a taller one. The performance
     is the mean of all. A variation other than 0 has a manner of its own (manner.py), and every second one steps as one answer alone, which is more
@@ -69,21 +70,21 @@ def perform(take: Take, head_height: float, model: Model, options: SolveOptions)
     miscalibration = find_miscalibration(take, head_height, networks)
     seen, true_height = miscalibration.corrected(take), head_height * miscalibration.height
     if _decided(options.variation) or options.candidates == 1:
-        answer = yield from _perform(seen, true_height, networks, options)
+        answer = yield from _perform(seen, true_height, proportions, networks, options)
     else:
-        answer = yield from _asked_often(seen, true_height, networks, options)
+        answer = yield from _asked_often(seen, true_height, proportions, networks, options)
     manner = draw_manner(networks.manners, options.seed, options.variation)
     return replace(settle(sharpened(answer.measured_in(head_height)), take), manner=manner, miscalibration=miscalibration)
 
 
-def _asked_often(take: Take, head_height: float, networks: ModeNetworks, options: SolveOptions) -> Generator[Progress, None, Performance]:
+def _asked_often(take: Take, head_height: float, proportions: Array, networks: ModeNetworks, options: SolveOptions) -> Generator[Progress, None, Performance]:
     """The mean of what is answered to the take and to its mirror image, by performers of all HEIGHTS; the candidates are divided among them."""
     heights = [head_height * share for share in HEIGHTS[options.mode]]
     questions = [(height, mirrored) for height in heights for mirrored in (False, True)]
     few = replace(options, candidates=-(-options.candidates // len(questions)))
     answers = []
     for i, (height, mirrored) in enumerate(questions):
-        job = _perform(mirror_take(take) if mirrored else take, height, networks, few)
+        job = _perform(mirror_take(take) if mirrored else take, height, proportions, networks, few)
         answer = yield from part(job, i / len(questions), (i + 1) / len(questions))
         answers.append((mirror_performance(answer) if mirrored else answer).measured_in(head_height))
     return mean(answers)
@@ -99,12 +100,12 @@ def _decided(variation: int) -> bool:
     return variation > 0 and variation % 2 == 0
 
 
-def _perform(take: Take, head_height: float, networks: ModeNetworks, options: SolveOptions) -> Generator[Progress, None, Performance]:
+def _perform(take: Take, head_height: float, proportions: Array, networks: ModeNetworks, options: SolveOptions) -> Generator[Progress, None, Performance]:
     """One answer to a take sampled at RATE."""
     trackers, anchors = tracker_frames(take, head_height)
     causal = options.mode == "causal"
     frames = np.arange(0, len(take.times), 1 if causal else HOP)
-    sampler = _Sampler(networks, trackers, anchors, options)
+    sampler = _Sampler(networks, trackers, anchors, proportions, options)
     if causal:
         control, lower = yield from part(_sample_causally(sampler, frames), 0, 0.95)
     else:
@@ -118,13 +119,14 @@ def _perform(take: Take, head_height: float, networks: ModeNetworks, options: So
 class _Sampler:
     """Draws and decodes codes for anchors of one take."""
 
-    def __init__(self, networks: ModeNetworks, trackers: Frames, anchors: GroundFrame, options: SolveOptions) -> None:
-        self.networks, self.trackers, self.anchors = networks, trackers, anchors
+    def __init__(self, networks: ModeNetworks, trackers: Frames, anchors: GroundFrame, proportions: Array, options: SolveOptions) -> None:
+        self.networks, self.trackers, self.anchors, self.proportions = networks, trackers, anchors, proportions
         self.consensus = not _decided(options.variation)
         self.noise = gumbel_noise(options.candidates, networks.channels, networks.classes, options.seed, 0 if self.consensus else options.variation)
 
     def estimate(self, frames: np.ndarray) -> Estimate:
-        return self.networks.estimate(self.trackers.seen_from(self.anchors[frames], frames[:, None] + np.array(self.networks.mode.window)))
+        windows = self.trackers.seen_from(self.anchors[frames], frames[:, None] + np.array(self.networks.mode.window))
+        return self.networks.estimate(windows, self.proportions)
 
     def control(self, estimate: Estimate, frames: np.ndarray) -> Array:
         """Stage 1 in world axes: vectors [N, S, V, 3]."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 from ..motion.rotations import Array, rotate, slerp
-from ..motion.skeleton import Skeleton
+from ..motion.skeleton import Skeleton, chest_of
 
 
 def with_neck(body: Skeleton, world: Array, head: Array) -> Array:
@@ -15,11 +15,6 @@ def with_neck(body: Skeleton, world: Array, head: Array) -> Array:
     for joint in chain[chain.index(chest) + 1 :]:
         turned[:, joint] = slerp(world[:, chest], head, 0.5)
     return turned
-
-
-def chest_of(body: Skeleton) -> int:
-    """The joint that carries the shoulders."""
-    return int(body.parents[body.index("LeftShoulder" if "LeftShoulder" in body else "LeftArm")])
 
 
 def carried(body: Skeleton, world: Array, hips: Array, chain: list[int]) -> Array:

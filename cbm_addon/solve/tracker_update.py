@@ -21,7 +21,7 @@ from .spine import carried, with_neck
 HIPS = LOWER_JOINTS.index("Hips")
 WRISTS = 0.2  # the share of what each wrist is missed by that the body moves over the floor
 HEAD = 0.6  # causally, the share of the height that the head is missed by, that the hips move up or down; looking ahead they take all of it
-LEAN = 0.7  # the share of it that the body moves back, where the bones carry the head too high: the spine leans farther, and forward where too low
+LEAN = 0.35  # the share of it that the body moves back, where the bones carry the head too high: the spine leans farther, and forward where too low
 UPRIGHT = 2.0  # a spine that leans less than 60 degrees counts in full, one that lies not at all: its hips are on the floor
 SEAT = 0.06  # head heights over the floor: hips that sit there are moved no lower
 FAR_WRIST, FAR_HEAD = 0.15, 0.05  # head heights: of such a miss half counts, and ever less of greater ones; they are other arms, or a wrong calibration

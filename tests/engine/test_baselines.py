@@ -14,7 +14,7 @@ from cbm_addon.evaluate import METHODS, motion_matching
 from cbm_addon.evaluate.baselines import carry_legs, shuffle_codes
 from cbm_addon.evaluate.methods import prepare_methods
 from cbm_addon.evaluate.motion_matching import PLAYED, Database, index_database, match_motion
-from cbm_addon.features import CONTROL, LOWER_BODY, LOWER_JOINTS, MODES, RATE, TRACKERS
+from cbm_addon.features import CONTROL, LOWER_BODY, LOWER_JOINTS, MODES, RATE, STANDARD_PROPORTIONS, TRACKERS
 from cbm_addon.learn.dataset import Dataset, clip_frames, join
 from cbm_addon.motion.bvh import write_bvh
 from cbm_addon.motion.motion import Motion
@@ -163,7 +163,7 @@ def random_model(channels: int = 4, classes: int = 8) -> Model:
     random = np.random.default_rng(0)
     modes = {}
     for mode in MODES.values():
-        window, sequence = len(mode.window) * TRACKERS.size, len(mode.sequence)
+        window, sequence = len(mode.window) * TRACKERS.size + len(STANDARD_PROPORTIONS), len(mode.sequence)
         control = random.normal(size=(window, sequence * CONTROL.size)).astype(np.float32)
         logits = random.normal(size=(window, channels * classes)).astype(np.float32)
         lower_body = random.normal(size=(channels * classes, sequence * LOWER_BODY.size)).astype(np.float32)
@@ -171,7 +171,9 @@ def random_model(channels: int = 4, classes: int = 8) -> Model:
             "estimator": Session(lambda window, control=control: window @ control, lambda window, logits=logits: window @ logits, lambda window: window),
             "decoder": Session(lambda codes, features, lower_body=lower_body: codes @ lower_body),
         }
-        modes[mode.name] = ModeNetworks(mode, channels, classes, sessions, np.zeros((0, 9, 3), np.float32))
+        modes[mode.name] = ModeNetworks(
+            mode, channels, classes, sessions, np.zeros((0, 9, 3), np.float32), np.stack((STANDARD_PROPORTIONS, STANDARD_PROPORTIONS))
+        )
     return Model(Path("random"), {"name": "random"}, modes)
 
 
@@ -180,18 +182,18 @@ def test_shuffled_codes_are_those_of_other_frames(mode: str) -> None:
     model = random_model()
     own, shuffled = model.networks(mode), shuffle_codes(model, seed=1).networks(mode)
     windows = np.random.default_rng(0).normal(size=(30, len(own.mode.window), TRACKERS.size)).astype(np.float32)
-    estimate, shuffle = own.estimate(windows), shuffled.estimate(windows)
+    estimate, shuffle = own.estimate(windows, STANDARD_PROPORTIONS), shuffled.estimate(windows, STANDARD_PROPORTIONS)
     codes, dealt = estimate.logits, shuffle.logits
     assert sorted(codes.sum((1, 2)).tolist()) == sorted(dealt.sum((1, 2)).tolist())
     assert np.mean([np.array_equal(a, b) for a, b in zip(codes, dealt, strict=True)]) < 0.2
-    np.testing.assert_array_equal(dealt, shuffled.estimate(windows).logits)
+    np.testing.assert_array_equal(dealt, shuffled.estimate(windows, STANDARD_PROPORTIONS).logits)
     np.testing.assert_array_equal(estimate.control, shuffle.control)
     np.testing.assert_array_equal(estimate.features, shuffle.features)
 
 
 def test_shuffled_codes_change_the_legs_and_nothing_above(body_motion: Motion) -> None:
     model, take = random_model(), synthesize(body_motion)
-    own, shuffled = (run(perform(take, 1.6, used, SolveOptions(candidates=1))) for used in (model, shuffle_codes(model, seed=1)))
+    own, shuffled = (run(perform(take, 1.6, STANDARD_PROPORTIONS, used, SolveOptions(candidates=1))) for used in (model, shuffle_codes(model, seed=1)))
     np.testing.assert_array_equal(own.upper_rotations, shuffled.upper_rotations)
     assert not np.allclose(own.lower_positions, shuffled.lower_positions, atol=0.1)
 

@@ -7,9 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cbm_addon.features import CONTROL, LOWER_BODY, MODES, TRACKERS, Frames, control_frames, lower_body_frames, tracker_frames
+from cbm_addon.features import (
+    CONTROL,
+    LOWER_BODY,
+    MODES,
+    PROPORTIONS,
+    TRACKERS,
+    Frames,
+    control_frames,
+    lower_body_frames,
+    network_input,
+    proportions_of,
+    tracker_frames,
+)
 from cbm_addon.motion.motion import Motion
 from cbm_addon.motion.rotations import multiply, quat_from_yaw, rotate
+from cbm_addon.motion.skeleton import STANDARD_BODY
 from cbm_addon.takes.synthesize import synthesize
 
 LAYOUTS = {"trackers": TRACKERS, "control": CONTROL, "lower body": LOWER_BODY}
@@ -76,3 +89,36 @@ def test_the_causal_window_sees_nothing_later(body_motion: Motion) -> None:
         trackers, anchors = tracker_frames(synthesize(motion), height)
         seen.append(trackers.seen_from(anchors[[half]], window))
     np.testing.assert_array_equal(*seen)
+
+
+def test_proportions_are_those_of_the_body_whatever_its_size_and_place() -> None:
+    found = dict(zip(PROPORTIONS, proportions_of(STANDARD_BODY), strict=True))
+    # The standard body is that of Drillis and Contini (1966), in shares of stature; its head joint is at 0.907 of it above the toes.
+    assert found["thigh"] == pytest.approx(0.232 / 0.907, abs=1e-3)
+    assert found["shin"] == pytest.approx(0.231 / 0.907, abs=1e-3)
+    assert found["hip.height"] == pytest.approx(found["thigh"] + found["shin"] + found["ankle.height"], abs=1e-5), "its legs are straight at rest"
+    elsewhere = STANDARD_BODY.scaled(1.7)
+    elsewhere.offsets[0] += (3, 4, 5)
+    np.testing.assert_allclose(proportions_of(elsewhere), proportions_of(STANDARD_BODY), atol=1e-6)
+
+
+def test_a_body_that_stands_higher_over_its_toe_joints_has_all_joints_higher() -> None:
+    flat, raised = (
+        dict(zip(PROPORTIONS, proportions_of(STANDARD_BODY, sole) * (1 + sole / STANDARD_BODY.height_above_toes()), strict=True)) for sole in (0, 0.05)
+    )
+    rise = 0.05 / STANDARD_BODY.height_above_toes()
+    for name in PROPORTIONS:
+        assert raised[name] - flat[name] == pytest.approx(rise if name.endswith(".height") else 0, abs=1e-5), name
+
+
+def test_bodies_without_toes_or_shoulders_have_proportions_too() -> None:
+    few = STANDARD_BODY.subset(tuple(name for name in STANDARD_BODY.names if not name.endswith(("Toe", "Shoulder"))))
+    assert np.isfinite(proportions_of(few)).all()
+
+
+def test_networks_see_windows_then_proportions() -> None:
+    windows, proportions = np.zeros((2, 3, TRACKERS.size), np.float32), np.arange(len(PROPORTIONS), dtype=np.float32)
+    seen = network_input(windows, proportions)
+    assert (seen[:, : 3 * TRACKERS.size] == 0).all()
+    np.testing.assert_array_equal(seen[:, 3 * TRACKERS.size :], [proportions] * 2)
+    np.testing.assert_array_equal(network_input(windows, np.stack([proportions] * 2)), seen)

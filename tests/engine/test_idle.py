@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cbm_addon.evaluate.metrics import tracks
-from cbm_addon.features import MODES, RATE
+from cbm_addon.features import MODES, RATE, STANDARD_PROPORTIONS
 from cbm_addon.motion.contacts import CONTACT_JOINTS
 from cbm_addon.motion.ground_frame import root_frame
 from cbm_addon.motion.rotations import multiply, quat_from_axis_angle, quat_from_yaw, yaw_from_quat
@@ -47,7 +47,7 @@ def standing_take(seconds: float = 30.0, rate: float = 72.0) -> Take:
 @pytest.mark.parametrize("mode", MODES)
 def test_half_a_minute_of_standing_is_no_walk(mode: str) -> None:
     take = standing_take()
-    performance = run(perform(take, HEAD_HEIGHT, load_model(), SolveOptions(mode)))
+    performance = run(perform(take, HEAD_HEIGHT, STANDARD_PROPORTIONS, load_model(), SolveOptions(mode)))
     solved = tracks(fuse(performance, take, np.arange(30 * 30) / 30, STANDARD_BODY))
     feet = 100 * 30 * np.linalg.norm(np.diff(solved.of(CONTACT_JOINTS), axis=0), axis=-1)
     heading = np.degrees(np.unwrap(yaw_from_quat(root_frame(solved.body, solved.positions).rotation)))
@@ -61,7 +61,7 @@ def test_who_walks_is_not_held(body_motion) -> None:
     rest = at_rest(take.positions / HEAD_HEIGHT, causal=False)
     speed = np.linalg.norm(np.gradient(take.positions[:, 0], axis=0), axis=-1) * RATE
     assert rest[speed > 0.3].max() == 0
-    performance = run(perform(take, HEAD_HEIGHT, load_model(), SolveOptions()))
+    performance = run(perform(take, HEAD_HEIGHT, STANDARD_PROPORTIONS, load_model(), SolveOptions()))
     moving = settle(performance, replace(take, positions=take.positions + np.arange(len(take.times))[:, None, None].astype(np.float32)))
     np.testing.assert_allclose(moving.lower_positions, performance.lower_positions, atol=1e-5)
 

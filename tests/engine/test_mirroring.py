@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cbm_addon.features import STANDARD_PROPORTIONS
 from cbm_addon.motion.mirror import mirror
 from cbm_addon.motion.motion import Motion
 from cbm_addon.progress import run
@@ -24,7 +25,7 @@ def test_the_take_of_the_mirrored_motion_is_the_mirrored_take(body_motion: Motio
 
 def test_mirroring_twice_changes_nothing(body_motion: Motion, small_model_folder: Path) -> None:
     take = synthesize(body_motion)
-    performance = run(perform(take, 1.6, load_model(small_model_folder), SolveOptions()))
+    performance = run(perform(take, 1.6, STANDARD_PROPORTIONS, load_model(small_model_folder), SolveOptions()))
     twice = mirror_performance(mirror_performance(performance))
     for field in fields(performance):
         np.testing.assert_array_equal(getattr(twice, field.name), getattr(performance, field.name))
@@ -34,6 +35,6 @@ def test_mirroring_twice_changes_nothing(body_motion: Motion, small_model_folder
 def test_a_mirrored_take_gives_the_mirrored_performance(body_motion: Motion, small_model_folder: Path) -> None:
     take, model = synthesize(body_motion), load_model(small_model_folder)
     for mode in ("lookahead", "causal"):
-        solved, mirrored = (run(perform(source, 1.6, model, SolveOptions(mode))) for source in (take, mirror_take(take)))
+        solved, mirrored = (run(perform(source, 1.6, STANDARD_PROPORTIONS, model, SolveOptions(mode))) for source in (take, mirror_take(take)))
         np.testing.assert_allclose(mirror_performance(mirrored).lower_positions, solved.lower_positions, atol=1e-4)
         np.testing.assert_allclose(mirror_performance(mirrored).contacts, solved.contacts, atol=1e-4)

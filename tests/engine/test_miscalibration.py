@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cbm_addon.features import STANDARD_PROPORTIONS
 from cbm_addon.motion.motion import Motion
 from cbm_addon.motion.rotations import difference
 from cbm_addon.progress import run
@@ -71,7 +72,7 @@ def test_without_looking_ahead_nothing_is_told(body_motion: Motion, head_height:
 
 def test_a_performance_keeps_the_units_of_the_height_that_was_believed(body_motion: Motion, head_height: float) -> None:
     take, model = synthesize(body_motion), load_model()
-    right, wrong = (run(perform(take, share * head_height, model, SolveOptions(candidates=4))) for share in (1, 1.1))
+    right, wrong = (run(perform(take, share * head_height, STANDARD_PROPORTIONS, model, SolveOptions(candidates=4))) for share in (1, 1.1))
     np.testing.assert_allclose(wrong.head_height, 1.1 * head_height)
     metres = [performance.lower_positions * performance.head_height for performance in (right, wrong)]
     assert np.linalg.norm(metres[1] - metres[0], axis=-1).mean() < 0.06

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cbm_addon.features import MODES
+from cbm_addon.features import MODES, STANDARD_PROPORTIONS
 from cbm_addon.motion.motion import Motion
 from cbm_addon.progress import Progress, run
 from cbm_addon.solve.models import Model, load_model
@@ -24,7 +24,7 @@ def model(small_model_folder: Path) -> Model:
 
 
 def solved(take: Take, model: Model, **options) -> Performance:
-    return run(perform(take, 1.6, model, SolveOptions(candidates=4, **options)))
+    return run(perform(take, 1.6, STANDARD_PROPORTIONS, model, SolveOptions(candidates=4, **options)))
 
 
 def arrays(performance: Performance) -> list[np.ndarray]:
@@ -62,7 +62,7 @@ def test_causal_mode_does_not_look_ahead_and_lookahead_does(body_motion: Motion,
 
 
 def test_a_job_reports_growing_shares_and_can_be_stopped(body_motion: Motion, model: Model) -> None:
-    job = perform(synthesize(body_motion), 1.6, model, SolveOptions(candidates=2))
+    job = perform(synthesize(body_motion), 1.6, STANDARD_PROPORTIONS, model, SolveOptions(candidates=2))
     events = [next(job), next(job)]
     job.close()
     assert all(isinstance(event, Progress) for event in events)
