@@ -12,7 +12,7 @@ from .performance import Performance
 NARROW, WIDE = 0.7, 4.0  # frames (deviations of Gaussians): movements slower than the first and faster than the second are raised
 RAISED = 1.3  # how much of them is added to a body that moves fast
 FAST = 1.0  # head heights per second, the mean of the lower joints at which half of that is added
-TRAIL, AHEAD = 3.0, 0.7  # frames of the past that a turn is compared with, and how much of the difference is added, without looking ahead
+TRAIL, AHEAD = 3.0, 1.1  # frames of the past that a turn is compared with, and how much of the difference is added, without looking ahead
 
 
 def sharpened(performance: Performance) -> Performance:
