@@ -37,6 +37,7 @@ PROPORTIONS = (
     "hips.height", "hip.height", "ankle.height", "hip.width", "thigh", "shin", "foot",
     "back", "neck", "shoulder.width", "upper_arm", "forearm",
 )  # fmt: skip
+AVERAGE_FOOT = float(np.linalg.norm(STANDARD_BODY.offsets[STANDARD_BODY.index("LeftToe")])) / STANDARD_BODY.height_above_toes("Head")  # of bodies without toes
 
 
 @dataclass(frozen=True)
@@ -152,16 +153,15 @@ def proportions_of(body: Skeleton, sole: float = 0.0) -> Array:
 
     chest = body.names[chest_of(body)]
     unit = height("Head")
-    foot = apart("LeftFoot", "LeftToe") / unit if "LeftToe" in body else AVERAGE_FOOT
+    foot = apart("LeftFoot", "LeftToe") if "LeftToe" in body else AVERAGE_FOOT * unit
     lengths = [
         height("Hips"), height("LeftUpLeg"), height("LeftFoot"), apart("LeftUpLeg", "RightUpLeg"),
-        apart("LeftUpLeg", "LeftLeg"), apart("LeftLeg", "LeftFoot"), foot * unit,
+        apart("LeftUpLeg", "LeftLeg"), apart("LeftLeg", "LeftFoot"), foot,
         apart("Hips", chest), apart(chest, "Head"), apart("LeftArm", "RightArm"), apart("LeftArm", "LeftForeArm"), apart("LeftForeArm", "LeftHand"),
     ]  # fmt: skip
     return (np.array(lengths) / unit).astype(np.float32)
 
 
-AVERAGE_FOOT = float(np.linalg.norm(STANDARD_BODY.offsets[STANDARD_BODY.index("LeftToe")])) / STANDARD_BODY.height_above_toes("Head")
 STANDARD_PROPORTIONS = proportions_of(STANDARD_BODY)
 
 
