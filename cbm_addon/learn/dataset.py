@@ -16,6 +16,7 @@ from ..motion.bvh import read_bvh
 from ..motion.ground_frame import GroundFrame, ground_frame
 from ..motion.mirror import mirror
 from ..motion.motion import Motion
+from ..motion.repair import repaired
 from ..motion.resample import frame_times, resample
 from ..motion.rotations import Array, rotate
 from ..motion.skeleton import BODY_JOINTS
@@ -70,12 +71,12 @@ def find_clips(sources: list[Path]) -> list[Path]:
 
 
 def read_body_motion(path: Path) -> Motion:
-    """A clip on the engine's joints at RATE; InputError lists the joints that are missing."""
+    """A clip on the engine's joints at RATE, its frames repaired (motion/repair.py); InputError lists the joints that are missing."""
     motion = read_bvh(path)
     missing = [name for name in BODY_JOINTS if name not in motion.skeleton]
     if missing:
         raise InputError(path, f"lacks the joints {', '.join(missing)}; training needs clips with the joint names {', '.join(BODY_JOINTS)}")
-    return resample(motion, frame_times(motion.times[0], motion.times[-1], RATE))
+    return repaired(resample(motion, frame_times(motion.times[0], motion.times[-1], RATE)))
 
 
 def read_sound_motion(path: Path) -> Motion | None:

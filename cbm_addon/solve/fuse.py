@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..features import LOWER_JOINTS, UPPER_JOINTS
+from ..motion.contacts import CONTACT_JOINTS
 from ..motion.motion import Motion, local_rotations
 from ..motion.rotations import IDENTITY, Array, continuous, multiply, normalize, quat_from_rotvec, rotate
 from ..motion.skeleton import Skeleton
@@ -21,6 +22,7 @@ from .ik import REACH, aim, bend_chain, clamp_reach, turned_toward, two_bone
 from .manner import with_manner
 from .perform import sampled
 from .performance import Performance
+from .reach import within_reach
 from .spine import carried, chest_of, with_neck
 from .tracker_update import updated
 
@@ -64,7 +66,8 @@ def fusing(performance: Performance, take: Take, times: np.ndarray, body: Skelet
     rate = 1 / float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     yield Progress(0.1, "planting feet")
     ankles = plant_feet(body, performance, world, unit, rate, sole)
-    hips = _reachable_hips(body, world, _hips_path(performance, rate) * unit, targets["head"][0], ankles)
+    standing = {side: performance.contacts[:, [name.startswith(side) for name in CONTACT_JOINTS]].max(axis=1) for side in ankles}
+    hips, ankles = within_reach(body, world, _hips_path(performance, rate) * unit, targets["head"][0], ankles, standing)
     yield Progress(0.3, "meeting the headset")
     hips = _meet_head(body, world, hips, *targets["head"])
     hips = yield from part(_follow_hands(body, world, hips, targets), 0.4, 0.8)
@@ -106,20 +109,6 @@ def _hips_path(performance: Performance, rate: float) -> Array:
         free = np.zeros(positions.shape[:2], dtype=bool)
         positions = solve_paths(positions, performance.lower_velocities[:, hips], free, rate)
     return positions[:, 0]
-
-
-def _reachable_hips(body: Skeleton, world: Array, hips: Array, head: Array, ankles: dict[str, Array]) -> Array:
-    """Hips [T, 3] moved as little as needed for the spine to reach the head and the legs to reach the ankles; the head comes first."""
-    chain = body.chain("Hips", "Head")
-    spine = float(np.linalg.norm(body.offsets[chain[1:]], axis=-1).sum())
-    for _ in range(8):
-        for side, ankle in ankles.items():
-            leg = body.chain("Hips", f"{side}Foot")
-            socket = rotate(world[:, leg[0]], body.offsets[leg[1]])
-            length = float(np.linalg.norm(body.offsets[leg[2:]], axis=-1).sum())
-            hips = clamp_reach(ankle - socket, hips, length)
-        hips = clamp_reach(head, hips, spine)
-    return hips
 
 
 def _meet_head(body: Skeleton, world: Array, hips: Array, head: Array, rotation: Array) -> Array:

@@ -6,35 +6,40 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..features import LOWER_JOINTS
 from ..motion.rotations import Array, continuous, normalize
 from .performance import Performance
 
 NARROW, WIDE = 0.7, 4.0  # frames (deviations of Gaussians): movements slower than the first and faster than the second are raised
-RAISED = 1.3  # how much of them is added to a body that moves fast
+RAISED, TURNS = 0.5, 3.5  # how much of them is added to a body that moves fast, of the ways of its legs and of its turns
 FAST = 1.0  # head heights per second, the mean of the lower joints at which half of that is added
-TRAIL, AHEAD = 3.0, 1.1  # frames of the past that a turn is compared with, and how much of the difference is added, without looking ahead
+TRAIL, AHEAD = 3.0, 1.7  # frames of the past that a turn is compared with, and how much of the difference is added, without looking ahead
+# Thighs and shins turn as hips and ankles make them; what is predicted of them only says to which side a knee points, and would make it wobble.
+TURNED = [i for i, name in enumerate(LOWER_JOINTS) if not name.endswith("Leg")]
 
 
 def sharpened(performance: Performance) -> Performance:
     """The performance [T] with its lower body moving as much as before answers were averaged.
 
     Looking ahead, the middle of the spectrum is raised, the more the body moves, and what trembles above it is taken off; the way of the hips stays,
-    since the head tells it. Causally only turns are raised: positions would tremble.
+    since the head tells it. Causally only turns are raised: positions would tremble. In both modes those of TURNED.
     """
     turns = continuous(performance.lower_rotations)
     if performance.causal:
-        return replace(performance, lower_rotations=normalize(turns + np.float32(AHEAD) * (turns - _trailing(turns))))
+        turns[:, TURNED] += np.float32(AHEAD) * (turns[:, TURNED] - _trailing(turns[:, TURNED]))
+        return replace(performance, lower_rotations=normalize(turns))
     speed = _blurred(np.linalg.norm(performance.lower_velocities, axis=-1).mean(axis=-1), 2 * WIDE)
-    raised = (RAISED * speed / (speed + FAST))[:, None, None].astype(np.float32)
+    fast = (speed / (speed + FAST))[:, None, None].astype(np.float32)
 
-    def sharp(values: Array) -> Array:
+    def sharp(values: Array, share: float) -> Array:
         narrow = _blurred(values, NARROW)
-        return narrow + raised * (narrow - _blurred(values, WIDE))
+        return narrow + np.float32(share) * fast * (narrow - _blurred(values, WIDE))
 
-    moved = {name: sharp(getattr(performance, name)) for name in ("lower_positions", "lower_velocities")}
+    moved = {name: sharp(getattr(performance, name), RAISED) for name in ("lower_positions", "lower_velocities")}
     for name, values in moved.items():
         values[:, 0] = getattr(performance, name)[:, 0]
-    return replace(performance, lower_rotations=normalize(sharp(turns)), **moved)
+    turns[:, TURNED] = sharp(turns[:, TURNED], TURNS)
+    return replace(performance, lower_rotations=normalize(turns), **moved)
 
 
 def _blurred(values: Array, deviation: float) -> Array:

@@ -38,11 +38,12 @@ def size(values: Array) -> float:
     return float(np.std(values[60:-60], axis=0).max())
 
 
-def test_a_swing_of_a_fast_body_grows() -> None:
+def test_a_swing_of_a_fast_body_grows_and_its_turns_do_most() -> None:
     before = swinging(1.5, 0.3)
     after = sharpened(before)
-    for name in ("lower_positions", "lower_velocities", "lower_rotations"):
+    for name in ("lower_positions", "lower_velocities"):
         assert 1.1 < size(getattr(after, name)) / size(getattr(before, name)) < 1.6, name
+    assert 1.5 < size(after.lower_rotations) / size(before.lower_rotations) < 3
 
 
 def test_a_slow_sway_stays() -> None:
