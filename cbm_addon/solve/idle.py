@@ -15,7 +15,7 @@ from .tridiagonal import follow
 REST, MOVE = 0.015, 0.04  # head heights per second: slower than REST is at rest, faster than MOVE is not
 SPAN = 0.5  # seconds over which the speed is judged
 STIFFNESS = 1e5  # how much a step at rest costs, against staying near the prediction
-GAIN = 0.003  # what is taken over of a new frame at rest, without looking ahead
+GAIN = 0.002  # what is taken over of a new frame at rest, without looking ahead
 
 
 def settle(performance: Performance, take: Take) -> Performance:
