@@ -1,6 +1,6 @@
 """Hips and ankles that agree: legs no longer than they are, and no knee that snaps straight.
 
-Hips and ankles are predicted each by itself, so that in every fifth frame of a walk they are farther apart than the leg is long. Whatever brings them
+Hips and ankles are predicted each by itself, so that in up to every fifth frame of a walk they are farther apart than the leg is long. Whatever brings them
 together must come and go gently: near its full length a leg turns a millimetre of hips into five of knee.
 """
 
