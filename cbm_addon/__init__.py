@@ -3,4 +3,4 @@
 Importing the package costs nothing: heavy imports (onnxruntime, torch, bpy) happen inside the functions that need them.
 """
 
-__version__ = "0.8.0"
+__version__ = "0.9.0"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..features import LOWER_JOINTS, TRACKED_JOINTS
+from ..features import LOWER_JOINTS, TRACKED_JOINTS, UPPER_JOINTS
 from ..motion.contacts import CONTACT_JOINTS, contact_labels
 from ..motion.ground_frame import root_frame
 from ..motion.motion import Motion, forward_kinematics, local_rotations
@@ -71,6 +71,8 @@ def measure(solved: Motion, clip: Motion) -> dict[str, float]:
         "detail_gt_deg_s": detail(truth),
         "jitter_ratio": _ratio(jitter(ours), jitter(truth), LEAST_JITTER),
         "jitter_gt_100m_s3": jitter(truth),
+        "upper_detail_ratio": _ratio(detail(ours, UPPER_JOINTS), detail(truth, UPPER_JOINTS), LEAST_DETAIL),
+        "upper_jitter_ratio": _ratio(jitter(ours, UPPER_JOINTS), jitter(truth, UPPER_JOINTS), LEAST_JITTER),
         "slide_cm_s": slide(ours, contacts),
         "slide_truth_contact_cm_s": slide(ours, true_contacts),
         "slide_gt_cm_s": slide(truth, true_contacts),
@@ -102,15 +104,15 @@ def contacts_of(motion: Tracks) -> np.ndarray:
     return contact_labels(motion.body, motion.positions, motion.rate)
 
 
-def detail(motion: Tracks) -> float:
-    """Mean local rotation speed of the lower joints (of the hips: in the world), degrees per second."""
-    local = motion.local[:, motion.body.indices(LOWER_JOINTS)]
+def detail(motion: Tracks, joints: tuple[str, ...] = LOWER_JOINTS) -> float:
+    """Mean local rotation speed of joints (of the hips: in the world), degrees per second."""
+    local = motion.local[:, motion.body.indices(joints)]
     return float(np.degrees(difference(local[:-1], local[1:])).mean() * motion.rate)
 
 
-def jitter(motion: Tracks) -> float:
-    """Mean third difference of the lower joints' positions, 100 m/s³."""
-    third = np.diff(motion.of(LOWER_JOINTS).astype(np.float64), 3, axis=0)
+def jitter(motion: Tracks, joints: tuple[str, ...] = LOWER_JOINTS) -> float:
+    """Mean third difference of joints' positions, 100 m/s³."""
+    third = np.diff(motion.of(joints).astype(np.float64), 3, axis=0)
     return float(np.linalg.norm(third, axis=-1).mean() * motion.rate**3 / 100)
 
 

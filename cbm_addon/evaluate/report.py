@@ -14,6 +14,7 @@ BETTER = {
     "mpjre_deg": "less", "root_cm": "less", "root_deg": "less", "tracker_cm": "less", "tracker_deg": "less",
     "raw_lower_mpjpe_cm": "less", "raw_tracker_cm": "less",
     "detail_ratio": "1", "detail_gt_deg_s": "", "jitter_ratio": "1", "jitter_gt_100m_s3": "",
+    "upper_detail_ratio": "1", "upper_jitter_ratio": "1",
     "slide_cm_s": "less", "slide_truth_contact_cm_s": "less", "slide_gt_cm_s": "", "contact_f1": "more",
     "penetration_p99_cm": "less", "penetration_gt_p99_cm": "", "ms_per_frame": "less",
 }  # fmt: skip

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from .motion import Motion, local_rotations
-from .rotations import Array, inverse, multiply, normalize, quat_between, rotate
+from .rotations import Array, across, inverse, multiply, normalize, quat_between, rotate
 from .skeleton import STANDARD_BODY, Skeleton
 
 BENT = 0.04  # of its length: how far a leg's knee is off the line from hip to ankle where the way that it bends is told
@@ -59,8 +59,7 @@ def _stand(skeleton: Skeleton, world: Array, joint: str, end: str) -> Skeleton:
 def _turn_leg(skeleton: Skeleton, world: Array, positions: Array, side: str) -> Skeleton:
     """A leg whose knee bends forward in the frame of its thigh, in most of the frames in which it is bent."""
     thigh, shin, foot = (skeleton.index(f"{side}{name}") for name in ("UpLeg", "Leg", "Foot"))
-    along, knee = normalize(positions[:, foot] - positions[:, thigh]), positions[:, shin] - positions[:, thigh]
-    off = knee - np.sum(knee * along, axis=-1, keepdims=True) * along
+    off = across(positions[:, shin] - positions[:, thigh], positions[:, foot] - positions[:, thigh])
     length = np.linalg.norm(skeleton.offsets[shin]) + np.linalg.norm(skeleton.offsets[foot])
     bent = np.linalg.norm(off, axis=-1) > BENT * length
     forward = np.sum(off * rotate(world[:, thigh], FORWARD), axis=-1)[bent]
@@ -74,11 +73,7 @@ def _roll_foot(skeleton: Skeleton, world: Array, positions: Array, rate: float, 
     shin, foot, toe = (skeleton.index(f"{side}{name}") for name in ("Leg", "Foot", "Toe"))
     bone = normalize(skeleton.offsets[toe])
     along = rotate(world[:, foot], bone)
-
-    def across(direction: Array) -> Array:
-        return direction - np.sum(direction * along, axis=-1, keepdims=True) * along
-
-    rolled = np.sum(across(positions[:, shin] - positions[:, foot]) * across(rotate(world[:, foot], UP)), axis=-1) < 0
+    rolled = np.sum(across(positions[:, shin] - positions[:, foot], along) * across(rotate(world[:, foot], UP), along), axis=-1) < 0
     rolled = _lasting(rolled, LASTING * rate)
     half = np.concatenate(([0], bone)).astype(np.float32)
     for joint in (foot, toe):

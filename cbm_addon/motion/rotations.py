@@ -20,6 +20,12 @@ def normalize(v: Array) -> Array:
     return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), _TINY)
 
 
+def across(v: Array, line: Array) -> Array:
+    """What is left of vectors `v [..., 3]` across lines with the directions [..., 3]."""
+    along = normalize(line)
+    return v - np.sum(v * along, axis=-1, keepdims=True) * along
+
+
 def multiply(a: Array, b: Array) -> Array:
     """Hamilton product: the rotation `b` first, then `a`."""
     aw, ax, ay, az = np.moveaxis(a, -1, 0)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..motion.motion import Motion, local_rotations
-from ..motion.rotations import IDENTITY, Array, continuous, inverse, matrix_from_quat, multiply, normalize, quat_from_matrix, rotate
+from ..motion.rotations import IDENTITY, Array, across, continuous, inverse, matrix_from_quat, multiply, normalize, quat_from_matrix, rotate
 from .body import RigBody
 from .pose import BonePose, placed
 from .rig import Pole, Rig, Setting, next_in_limb
@@ -53,7 +53,7 @@ def hinged(rig: Rig, solved: RigBody, motion: Motion) -> Motion:
         bend = np.cross(ways[0], ways[1])
         bend += np.maximum(0, STRAIGHT - np.linalg.norm(bend, axis=-1, keepdims=True)) * rolled
         for joint, rest, along in zip((upper, middle), rests, ways, strict=True):
-            axis = normalize(bend - np.sum(bend * along, axis=-1, keepdims=True) * along)
+            axis = normalize(across(bend, along))
             frame = quat_from_matrix(np.stack((axis, along, np.cross(axis, along)), axis=-1))
             world[:, joint] = multiply(frame, inverse(multiply(solved.alignment[joint], rest)))
     return replace(motion, rotations=continuous(local_rotations(motion.skeleton, world)).astype(motion.rotations.dtype))
@@ -68,7 +68,7 @@ def pole_poses(rig: Rig, solved: RigBody, motion: Motion) -> Iterator[BonePose]:
         line = normalize(positions[:, end] - positions[:, upper])
         rest = _hinge_at_rest(rig, solved, upper, middle)
         back = matrix_from_quat(multiply(multiply(world[:, upper], solved.alignment[upper]), rest))[..., 2]
-        aside = normalize(np.sum(back * line, axis=-1, keepdims=True) * line - back)
+        aside = -normalize(across(back, line))
         distance = np.linalg.norm(rig.head(pole.bone) - rig.head(rig.mapping.joints[pole.joint]))
         yield placed(rig, pole.bone, pole.lower, still, positions[:, middle] + distance * aside)
 

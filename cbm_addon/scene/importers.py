@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..motion.bvh import read_bvh_file
 from ..motion.motion import Motion, local_rotations
 from ..motion.resample import frame_times, resample
-from ..motion.rotations import Array, continuous, normalize, rotate
+from ..motion.rotations import across, continuous, rotate
 from ..rigs.limbs import Limbs, require_limbs
 from ..rigs.retarget import Retargeted, retarget, source_rig
 from ..rigs.rig import Rig
@@ -104,18 +104,12 @@ def meet_ankles(moved: Retargeted) -> Motion:
         upper, lower = (float(np.linalg.norm(body.offsets[joint])) for joint in (shin, foot))
         socket = positions[:, thigh]
         target = clamp_reach(socket, ankle, upper + lower)
-        bend = _across(positions[:, shin] - socket, positions[:, foot] - socket)
+        bend = across(positions[:, shin] - socket, positions[:, foot] - socket)
         straight = np.maximum(0, STRAIGHT_KNEE * upper - np.linalg.norm(bend, axis=-1, keepdims=True))
         knee = two_bone(socket, target, upper, lower, bend + straight * rotate(world[:, thigh], FORWARD))
         world[:, thigh] = aim(world[:, thigh], body.offsets[shin], knee - socket)
         world[:, shin] = aim(world[:, shin], body.offsets[foot], target - knee)
     return replace(moved.motion, rotations=continuous(local_rotations(body, world)))
-
-
-def _across(way: Array, line: Array) -> Array:
-    """The part of a way [T, 3] that is perpendicular to a line [T, 3]."""
-    along = normalize(line)
-    return way - np.sum(way * along, axis=-1, keepdims=True) * along
 
 
 def _at_rate(motion: Motion, rate: float) -> Motion:

@@ -12,7 +12,7 @@ import numpy as np
 from ..features import LOWER_JOINTS, UPPER_JOINTS
 from ..motion.contacts import CONTACT_JOINTS
 from ..motion.motion import Motion, local_rotations
-from ..motion.rotations import IDENTITY, Array, continuous, multiply, normalize, quat_from_rotvec, rotate
+from ..motion.rotations import IDENTITY, Array, across, continuous, inverse, multiply, normalize, quat_between, quat_from_rotvec, rotate
 from ..motion.skeleton import Skeleton
 from ..progress import Job, Progress, part, run
 from ..takes.take import DEVICES, Take
@@ -112,12 +112,22 @@ def _hips_path(performance: Performance, rate: float) -> Array:
 
 
 def _meet_head(body: Skeleton, world: Array, hips: Array, head: Array, rotation: Array) -> Array:
-    """Bends the spine in `world` until the head joint is at `head`; what the spine cannot do the hips do. Returns the hips [T, 3]."""
-    chain = body.chain("Hips", "Head")
+    """Bends the spine in `world` until the head joint is at `head`; shoulders go along. Returns the hips [T, 3].
+
+    The hips come up or down along the spine, so that it leans but keeps its length: nearly straight, it would turn a centimetre of hips into tens of
+    degrees and tremble. What the spine cannot do the hips do besides.
+    """
+    chain, chest = body.chain("Hips", "Head"), chest_of(body)
     bending = chain[1:-1]
     world[:] = with_neck(body, world, rotation)
+    spine = normalize(head - hips)
+    hips = hips + np.sum((head - carried(body, world, hips, chain)) * spine, axis=-1, keepdims=True) * spine
+    before = world[:, chest].copy()
     base = hips + rotate(world[:, chain[0]], body.offsets[bending[0]])
     world[:, bending], end = bend_chain(world[:, bending], body.offsets[[*bending[1:], chain[-1]]], base, head)
+    turn = multiply(world[:, chest], inverse(before))
+    for shoulder in (body.index(name) for name in ("LeftShoulder", "RightShoulder") if name in body):
+        world[:, shoulder] = multiply(turn, world[:, shoulder])
     world[:, chain[-1]] = rotation
     return hips + (head - end)
 
@@ -188,6 +198,19 @@ def _meet_ankle(body: Skeleton, world: Array, hips: Array, side: str, ankle: Arr
         ankle = np.where(short[:, None], lifted, ankle)
         world[short, foot] = turned_toward(world[short, foot], offset, (toe - ankle)[short], HEEL_LIMIT)
     _bend_limb(body, world, joints, socket, ankle, FORWARD)
+    _make_hinge(body, world, joints, socket, ankle)
+
+
+def _make_hinge(body: Skeleton, world: Array, joints: tuple[int, int, int], socket: Array, ankle: Array) -> None:
+    """Turns a bent leg in `world` about its bones so that the knee bends forward and does nothing else.
+
+    Thigh and shin are predicted each by itself: where they do not agree, on bodies unlike those that trained, shins would twist at the knee.
+    """
+    thigh, shin, foot = joints
+    bone = rotate(world[:, thigh], body.offsets[shin])
+    forward, out = (across(direction, bone) for direction in (rotate(world[:, thigh], FORWARD), across(bone, ankle - socket)))
+    world[:, thigh] = multiply(quat_between(forward, out), world[:, thigh])
+    world[:, shin] = aim(world[:, thigh], body.offsets[foot], ankle - socket - bone)
 
 
 def _bend_limb(body: Skeleton, world: Array, joints: tuple[int, int, int], socket: Array, target: Array, bend: Array) -> None:
@@ -197,9 +220,7 @@ def _bend_limb(body: Skeleton, world: Array, joints: tuple[int, int, int], socke
     target = clamp_reach(socket, target, upper + lower)
     middle = rotate(world[:, upper_joint], body.offsets[lower_joint])
     end = middle + rotate(world[:, lower_joint], body.offsets[end_joint])
-    line = normalize(end)
-    predicted = middle - np.sum(middle * line, axis=-1, keepdims=True) * line
-    pole = predicted + np.float32(0.03 * upper) * rotate(world[:, upper_joint], bend)
+    pole = across(middle, end) + np.float32(0.03 * upper) * rotate(world[:, upper_joint], bend)
     joint = two_bone(socket, target, upper, lower, pole)
     world[:, upper_joint] = aim(world[:, upper_joint], body.offsets[lower_joint], joint - socket)
     world[:, lower_joint] = aim(world[:, lower_joint], body.offsets[end_joint], target - joint)

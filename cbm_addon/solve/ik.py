@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..motion.rotations import Array, multiply, normalize, quat_between, quat_from_rotvec, rotate, rotvec_from_quat
+from ..motion.rotations import Array, across, multiply, normalize, quat_between, quat_from_rotvec, rotate, rotvec_from_quat
 
 REACH = 0.9995  # share of its length to which a limb may straighten
 
@@ -25,7 +25,7 @@ def two_bone(origin: Array, target: Array, upper: float, lower: float, pole: Arr
     difference = target - origin
     distance = np.linalg.norm(difference, axis=-1, keepdims=True)
     along = difference / np.maximum(distance, 1e-9)
-    side = normalize(pole - np.sum(pole * along, axis=-1, keepdims=True) * along)
+    side = normalize(across(pole, along))
     distance = np.clip(distance, abs(upper - lower) + 1e-6, upper + lower)
     cosine = np.clip((upper**2 + distance**2 - lower**2) / (2 * upper * distance), -1, 1)
     return origin + upper * (cosine * along + np.sqrt(1 - cosine**2) * side)

@@ -14,6 +14,7 @@ import numpy as np
 from ..motion.motion import Motion, forward_kinematics, local_rotations
 from ..motion.rotations import (
     Array,
+    across,
     continuous,
     inverse,
     multiply,
@@ -205,7 +206,7 @@ def _two_bones(start: Array, end: Array, lengths: tuple[float, float], pole: Arr
     distance = np.linalg.norm(end - start, axis=-1, keepdims=True)
     axis = (end - start) / distance
     distance = np.clip(distance, abs(upper - lower) + 1e-6, upper + lower - 1e-6)
-    bend = normalize(pole - np.sum(pole * axis, axis=-1, keepdims=True) * axis)
+    bend = normalize(across(pole, axis))
     cosine = (upper**2 + distance**2 - lower**2) / (2 * upper * distance)
     first = cosine * axis + np.sqrt(1 - cosine**2) * bend
     second = (distance * axis - upper * first) / lower

@@ -11,7 +11,7 @@ from cbm_addon.features import LOWER_JOINTS, RATE
 from cbm_addon.motion.contacts import CONTACT_JOINTS
 from cbm_addon.motion.motion import Motion
 from cbm_addon.motion.resample import frame_times, lerp_samples, resample
-from cbm_addon.motion.rotations import multiply, quat_from_rotvec, rotate
+from cbm_addon.motion.rotations import difference, multiply, normalize, quat_from_rotvec, rotate
 from cbm_addon.motion.skeleton import BODY_JOINTS, Skeleton
 from cbm_addon.solve.fuse import fuse
 from cbm_addon.solve.performance import Performance
@@ -99,6 +99,41 @@ def test_knees_bend_forward(body_motion: Motion) -> None:
         forward = rotate(rotations[:, 0], np.array([0, -1, 0], np.float32))
         bulge = np.sum((knee - (hip + ankle) / 2) * forward, axis=-1)
         assert bulge.min() > -0.01
+
+
+def test_hips_that_are_predicted_too_high_and_tremble_do_not_shake_the_spine(body_motion: Motion) -> None:
+    """Nearly straight, a spine that took up a centimetre would bend by tens of degrees."""
+    truth, take, body = true_performance(body_motion), synthesize(body_motion), body_motion.skeleton
+    rate = 1 / float(np.median(np.diff(body_motion.times)))
+    bounce = 0.006 * np.sin(2 * np.pi * 2 * body_motion.times)
+    positions, velocities = truth.lower_positions.copy(), truth.lower_velocities.copy()
+    positions[:, 0, 2] += bounce.astype(np.float32)
+    velocities[:, 0, 2] += (np.gradient(bounce) * rate).astype(np.float32)
+    spine = body.indices(["Spine", "Spine1", "Spine2", "Neck", "LeftShoulder", "RightShoulder"])
+
+    def turning(performance: Performance) -> float:
+        rotations = fuse(performance, take, body_motion.times, body).rotations[:, spine]
+        return float(np.degrees(difference(rotations[1:], rotations[:-1])).mean() * rate)
+
+    assert turning(replace(truth, lower_positions=positions, lower_velocities=velocities)) < turning(truth) + 1
+
+
+def test_knees_are_hinges_though_thighs_and_shins_were_predicted_to_twist(body_motion: Motion) -> None:
+    truth, body = true_performance(body_motion), body_motion.skeleton
+    twists = truth.lower_rotations.copy()
+    random = np.random.default_rng(2)
+    for name in ("LeftUpLeg", "LeftLeg", "RightUpLeg", "RightLeg"):
+        about = np.array([0, 0, 1]) * random.normal(scale=0.3, size=(len(body_motion), 1))
+        twists[:, LOWER_JOINTS.index(name)] = multiply(twists[:, LOWER_JOINTS.index(name)], quat_from_rotvec(about).astype(np.float32))
+    solved = fuse(replace(truth, lower_rotations=twists), synthesize(body_motion), body_motion.times, body)
+    for side in ("Left", "Right"):
+        knee = solved.rotations[:, body.index(f"{side}Leg")]
+        bone = normalize(body.offsets[body.index(f"{side}Foot")])
+        assert np.abs(knee[:, 1:] @ bone).max() < 1e-3, "no turn about the shin"
+        shin = rotate(knee, bone)
+        aside = np.cross(np.array([0, -1, 0]), bone)
+        assert np.abs(shin @ aside).max() < 0.02, "no bend to the side"
+        assert (shin @ np.array([0, 1, 0])).min() > -0.02, "no bend back to front"
 
 
 def test_planted_feet_stand_still_though_they_were_predicted_to_slide(body_motion: Motion) -> None:

@@ -16,7 +16,7 @@ from tests.performances import true_performance
 
 POSITIONS = ("lower_mpjpe_cm", "hips_cm", "feet_cm", "mpjpe_cm", "tracker_cm")
 ANGLES = ("mpjre_deg", "root_deg", "tracker_deg")
-RATIOS = ("detail_ratio", "jitter_ratio", "contact_f1")
+RATIOS = ("detail_ratio", "jitter_ratio", "upper_detail_ratio", "upper_jitter_ratio", "contact_f1")
 
 
 def standing(frames: int = 60) -> Motion:
@@ -111,6 +111,20 @@ def test_jitter_is_the_third_derivative() -> None:
     values = measure(jerks[1], jerks[0])
     assert values["jitter_gt_100m_s3"] == pytest.approx(3, rel=1e-3)
     assert values["jitter_ratio"] == pytest.approx(2, rel=1e-3)
+    assert values["upper_jitter_ratio"] == pytest.approx(2, rel=1e-3)
+
+
+def test_a_spine_that_turns_is_detail_of_the_upper_body_alone() -> None:
+    truth = standing()
+
+    def twisting(speed: float) -> Motion:
+        rotations = truth.rotations.copy()
+        rotations[:, truth.skeleton.index("Spine1")] = quat_from_yaw((np.radians(speed) * truth.times).astype(np.float32))
+        return replace(truth, rotations=rotations)
+
+    values = measure(twisting(45), twisting(30))
+    assert values["upper_detail_ratio"] == pytest.approx(1.5, rel=1e-3)
+    assert values["detail_gt_deg_s"] == pytest.approx(0, abs=1e-3)
 
 
 def test_ratios_to_a_truth_that_does_not_move_are_not_defined() -> None:

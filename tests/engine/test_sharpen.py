@@ -43,12 +43,21 @@ def test_a_swing_of_a_fast_body_grows_and_its_turns_do_most() -> None:
     after = sharpened(before)
     for name in ("lower_positions", "lower_velocities"):
         assert 1.1 < size(getattr(after, name)) / size(getattr(before, name)) < 1.6, name
-    assert 1.5 < size(after.lower_rotations) / size(before.lower_rotations) < 2.5
+    hips, feet = (LOWER_JOINTS.index(name) for name in ("Hips", "LeftFoot"))
+    assert 1.5 < size(after.lower_rotations[:, feet]) / size(before.lower_rotations[:, feet]) < 2.5
+    assert 2 < size(after.lower_rotations[:, hips]) / size(before.lower_rotations[:, hips]) < 3.5
 
 
-def test_a_slow_sway_stays() -> None:
+def test_a_slow_sway_of_somebody_who_stands_loses_a_tenth_at_most() -> None:
     before = swinging(0.2, 0.05)
-    np.testing.assert_allclose(sharpened(before).lower_positions[30:-30], before.lower_positions[30:-30], atol=1e-3)
+    assert 0.9 < size(sharpened(before).lower_positions) / size(before.lower_positions) <= 1
+
+
+def test_the_legs_of_somebody_who_stands_hardly_follow_arms_that_wave() -> None:
+    before = swinging(1.5, 0.008)
+    after = sharpened(before)
+    for name in ("lower_positions", "lower_velocities", "lower_rotations"):
+        assert size(getattr(after, name)) < 0.2 * size(getattr(before, name)), name
 
 
 def test_the_trembling_of_legs_shrinks() -> None:
@@ -61,7 +70,7 @@ def test_the_way_of_the_hips_stays() -> None:
     before = swinging(1.5, 0.3)
     after = sharpened(before)
     for name in ("lower_positions", "lower_velocities"):
-        np.testing.assert_array_equal(getattr(after, name)[:, 0], getattr(before, name)[:, 0])
+        np.testing.assert_allclose(getattr(after, name)[:, 0], getattr(before, name)[:, 0], atol=1e-4)
 
 
 @pytest.mark.parametrize("causal", [False, True])
