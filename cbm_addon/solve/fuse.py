@@ -24,12 +24,13 @@ from .perform import sampled
 from .performance import Performance
 from .reach import within_reach
 from .spine import carried, chest_of, with_neck
-from .tracker_update import updated
+from .tracker_update import doubted, updated
 
 SHOULDER_LIMIT = np.radians(30)  # how far a shoulder may follow a hand that the arm does not reach
 CHEST_LIMIT = np.radians(60)  # and the chest, where the shoulder is not enough
 HEEL_LIMIT = np.radians(45)  # how far a foot may rise over its toes where the leg is too short
 REACHING = 20  # steps in which the chest follows
+FAR_SPINE = 0.02  # head heights: of a spine that is so much too long or short the hips take half, ever less of more: the height is believed wrongly
 FORWARD = np.array([0, -1, 0], np.float32)
 
 
@@ -69,6 +70,7 @@ def fusing(performance: Performance, take: Take, times: np.ndarray, body: Skelet
     standing = {side: performance.contacts[:, [name.startswith(side) for name in CONTACT_JOINTS]].max(axis=1) for side in ankles}
     hips, ankles = within_reach(body, world, _hips_path(performance, rate) * unit, targets["head"][0], ankles, standing)
     yield Progress(0.3, "meeting the headset")
+    hips = _along_spine(body, performance.miscalibration.height, world, hips, *targets["head"])
     hips = _meet_head(body, world, hips, *targets["head"])
     hips = yield from part(_follow_hands(body, world, hips, targets), 0.4, 0.8)
     world = normalize(world)  # after hundreds of small turns
@@ -111,17 +113,23 @@ def _hips_path(performance: Performance, rate: float) -> Array:
     return positions[:, 0]
 
 
+def _along_spine(body: Skeleton, height: float, world: Array, hips: Array, head: Array, rotation: Array) -> Array:
+    """The hips [T, 3] moved along the spine, so that it leans to the head but keeps the length that it has as predicted, on bones of the performer's
+    `height` as a share of the body's: nearly straight, a spine that took up a centimetre would bend by tens of degrees, and tremble."""
+    spine = normalize(head - hips)
+    end = carried(body.scaled(height), with_neck(body, world, rotation), hips, body.chain("Hips", "Head"))
+    missed = np.sum((head - end) * spine, axis=-1, keepdims=True)
+    return hips + spine * doubted(missed, FAR_SPINE * body.height_above_toes("Head"))
+
+
 def _meet_head(body: Skeleton, world: Array, hips: Array, head: Array, rotation: Array) -> Array:
     """Bends the spine in `world` until the head joint is at `head`; shoulders go along. Returns the hips [T, 3].
 
-    The hips come up or down along the spine, so that it leans but keeps its length: nearly straight, it would turn a centimetre of hips into tens of
-    degrees and tremble. What the spine cannot do the hips do besides.
+    What the spine cannot do the hips do.
     """
     chain, chest = body.chain("Hips", "Head"), chest_of(body)
     bending = chain[1:-1]
     world[:] = with_neck(body, world, rotation)
-    spine = normalize(head - hips)
-    hips = hips + np.sum((head - carried(body, world, hips, chain)) * spine, axis=-1, keepdims=True) * spine
     before = world[:, chest].copy()
     base = hips + rotate(world[:, chain[0]], body.offsets[bending[0]])
     world[:, bending], end = bend_chain(world[:, bending], body.offsets[[*bending[1:], chain[-1]]], base, head)

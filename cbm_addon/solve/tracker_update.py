@@ -47,10 +47,10 @@ def updated(performance: Performance, body: Skeleton, world: Array, unit: np.flo
         return upright * (targets[device][0] - reached(joint)) / unit
 
     up = missed("head", "Head")[:, 2:]
-    sure = _doubted(up, FAR_HEAD)
+    sure = doubted(up, FAR_HEAD)
     # Looking ahead, the performer's height was asked about (miscalibration.py), so that what is left is the bones of another body.
     rise = HEAD * sure if performance.causal else up
-    wrists = _doubted(missed("left", "LeftHand"), FAR_WRIST) + _doubted(missed("right", "RightHand"), FAR_WRIST)
+    wrists = doubted(missed("left", "LeftHand"), FAR_WRIST) + doubted(missed("right", "RightHand"), FAR_WRIST)
     back = np.zeros((len(hips), 1, 3), np.float32)
     back[:, 0, 1:2] = -LEAN * sure
     moved = performance.lower_positions + out_of_body(performance.lower_positions, back)
@@ -60,6 +60,6 @@ def updated(performance: Performance, body: Skeleton, world: Array, unit: np.flo
     return replace(performance, lower_positions=moved)
 
 
-def _doubted(misses: Array, far: float) -> Array:
+def doubted(misses: Array, far: float) -> Array:
     """Misses [T, N] weighted by a Cauchy kernel."""
     return misses / (1 + np.sum(np.square(misses / np.float32(far)), axis=-1, keepdims=True))
