@@ -14,6 +14,7 @@ from cbm_addon.motion.resample import frame_times, lerp_samples, resample
 from cbm_addon.motion.rotations import difference, multiply, normalize, quat_from_rotvec, rotate
 from cbm_addon.motion.skeleton import BODY_JOINTS, Skeleton
 from cbm_addon.solve.fuse import fuse
+from cbm_addon.solve.miscalibration import NONE, Miscalibration
 from cbm_addon.solve.performance import Performance
 from cbm_addon.takes.sample_motion import sample_motion
 from cbm_addon.takes.synthesize import synthesize
@@ -116,6 +117,16 @@ def test_hips_that_are_predicted_too_high_and_tremble_do_not_shake_the_spine(bod
         return float(np.degrees(difference(rotations[1:], rotations[:-1])).mean() * rate)
 
     assert turning(replace(truth, lower_positions=positions, lower_velocities=velocities)) < turning(truth) + 1
+
+
+def test_a_body_that_is_too_tall_by_a_mistake_that_was_told_has_its_hips_where_the_performers_are(body_motion: Motion) -> None:
+    body, take = body_motion.skeleton, synthesize(body_motion)
+    truth = true_performance(body_motion)
+    told = Miscalibration(NONE.slip, 1 / 1.1)
+    believed = replace(truth.measured_in(1.1 * truth.head_height), miscalibration=told)
+    solved = fuse(believed, take, body_motion.times, body.scaled(1.1))
+    missed = np.linalg.norm(solved.positions()[:, 0] - body_motion.positions()[:, 0], axis=-1)
+    assert np.median(missed) < 0.02
 
 
 def test_knees_are_hinges_though_thighs_and_shins_were_predicted_to_twist(body_motion: Motion) -> None:
