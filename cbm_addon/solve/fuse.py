@@ -12,7 +12,7 @@ import numpy as np
 from ..features import LOWER_JOINTS, UPPER_JOINTS
 from ..motion.contacts import CONTACT_JOINTS
 from ..motion.motion import Motion, local_rotations
-from ..motion.rotations import IDENTITY, Array, across, continuous, inverse, multiply, normalize, quat_between, quat_from_rotvec, rotate
+from ..motion.rotations import IDENTITY, Array, across, continuous, inverse, multiply, normalize, quat_from_rotvec, rotate
 from ..motion.skeleton import Skeleton
 from ..progress import Job, Progress, part, run
 from ..takes.take import DEVICES, Take
@@ -216,8 +216,10 @@ def _make_hinge(body: Skeleton, world: Array, joints: tuple[int, int, int], sock
     """
     thigh, shin, foot = joints
     bone = rotate(world[:, thigh], body.offsets[shin])
-    forward, out = (across(direction, bone) for direction in (rotate(world[:, thigh], FORWARD), across(bone, ankle - socket)))
-    world[:, thigh] = multiply(quat_between(forward, out), world[:, thigh])
+    axis, out = normalize(bone), across(bone, ankle - socket)
+    forward = across(rotate(world[:, thigh], FORWARD), bone)
+    turn = np.arctan2(np.sum(np.cross(forward, out) * axis, axis=-1, keepdims=True), np.sum(forward * out, axis=-1, keepdims=True))
+    world[:, thigh] = multiply(quat_from_rotvec(turn * axis), world[:, thigh])
     world[:, shin] = aim(world[:, thigh], body.offsets[foot], ankle - socket - bone)
 
 

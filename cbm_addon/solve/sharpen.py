@@ -14,7 +14,7 @@ NARROW, WIDE = 0.7, 4.0  # frames (deviations of Gaussians): movements slower th
 RAISED = 0.5  # how much of them is added to a body that moves fast, of the ways of its legs
 HIPS, FEET = 6.0, 2.5  # and of how its hips turn, and its feet and toes
 FAST = 1.0  # head heights per second, the mean of the lower joints at which half of that is added
-CALM, CALMED = 0.1, 10.0  # the same for a body that stands: about slower than the first, it moves no faster than the second, frames
+CALM, CALMED = 0.1, 10.0  # head heights per second, likewise, below which a body stands, and the frames (of a Gaussian) that it is blurred by then
 TRAIL, AHEAD = 3.0, 1.7  # frames of the past that a turn is compared with, and how much of the difference is added, without looking ahead
 # Thighs and shins turn as hips and ankles make them; what is predicted of them only says to which side a knee points, and would make it wobble.
 TURNED = [i for i, name in enumerate(LOWER_JOINTS) if not name.endswith("Leg")]
